@@ -1,0 +1,1 @@
+"""From tracks to a posterior over joint kind, joint frame and states."""

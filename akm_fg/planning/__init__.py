@@ -1,0 +1,1 @@
+"""From a joint posterior and a target state to a timed gripper path."""

@@ -1,0 +1,170 @@
+"""The records that pass between rooms. Conventions: docs/conventions.md.
+
+Every record is frozen, says its shapes and frames, and is checked once, when it is made.
+Unknown is NaN or ``None``.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+import gtsam
+import numpy as np
+from numpy.typing import NDArray
+
+FloatArray = NDArray[np.float64]
+BoolArray = NDArray[np.bool_]
+JointKind = Literal["rigid", "prismatic", "revolute"]
+
+
+def _require(condition: bool, message: str) -> None:
+    if not condition:
+        raise ValueError(message)
+
+
+@dataclass(frozen=True, slots=True)
+class PinholeCamera:
+    """Intrinsics of an undistorted camera. Pixel centres at integers, u right, v down."""
+
+    width: int
+    height: int
+    fx: float
+    fy: float
+    cx: float
+    cy: float
+
+    def __post_init__(self) -> None:
+        _require(self.width > 0 and self.height > 0, f"image size {self.width}x{self.height}")
+        numbers = (self.fx, self.fy, self.cx, self.cy)
+        _require(bool(np.isfinite(numbers).all()), f"intrinsics {numbers} must be finite")
+        _require(self.fx > 0 and self.fy > 0, f"focal lengths {self.fx}, {self.fy} must be > 0")
+
+    def project(self, p_cam: FloatArray) -> FloatArray:
+        """Pixels (..., 2) of points (..., 3) in the camera frame; NaN behind the camera."""
+        z = np.where(p_cam[..., 2] > 0, p_cam[..., 2], np.nan)
+        return np.stack(
+            [self.fx * p_cam[..., 0] / z + self.cx, self.fy * p_cam[..., 1] / z + self.cy], axis=-1
+        )
+
+    def back_project(self, uv: FloatArray, depth_m: FloatArray) -> FloatArray:
+        """Points (..., 3) in the camera frame of pixels (..., 2) with depth (...) along z."""
+        x = (uv[..., 0] - self.cx) / self.fx * depth_m
+        y = (uv[..., 1] - self.cy) / self.fy * depth_m
+        return np.stack([x, y, depth_m], axis=-1)
+
+
+@dataclass(frozen=True, slots=True)
+class RgbdFrame:
+    """One registered RGB-D image. Camera axes: x right, y down, z forward.
+
+    The robot's own pixels, where they are known, carry no depth (NaN): what a frame measures
+    is the scene.
+    """
+
+    stamp_s: float
+    rgb: NDArray[np.uint8]  # (H, W, 3)
+    depth_m: NDArray[np.float32]  # (H, W), along camera z; NaN where unknown
+    camera: PinholeCamera
+    T_world_cam: gtsam.Pose3
+
+    def __post_init__(self) -> None:
+        size = (self.camera.height, self.camera.width)
+        _require(self.rgb.shape == (*size, 3), f"rgb {self.rgb.shape}, expected {(*size, 3)}")
+        _require(self.rgb.dtype == np.uint8, f"rgb is {self.rgb.dtype}, expected uint8")
+        _require(self.depth_m.shape == size, f"depth {self.depth_m.shape}, expected {size}")
+
+
+@dataclass(frozen=True, slots=True)
+class Recording:
+    """What one fixed camera saw while a part was moved. Holds no truth: see JointTruth."""
+
+    name: str
+    frames: tuple[RgbdFrame, ...]
+    object_masks: tuple[BoolArray, ...] | None = None  # (H, W) each, True on the object
+    T_world_gripper: tuple[gtsam.Pose3, ...] | None = None  # one a frame
+    grasp_frames: tuple[int, int] | None = None  # first and last frame in which the gripper holds
+
+    def __post_init__(self) -> None:
+        n = len(self.frames)
+        _require(n > 0, "a recording needs at least one frame")
+        if self.object_masks is not None:
+            _require(len(self.object_masks) == n, f"{len(self.object_masks)} masks, {n} frames")
+        if self.T_world_gripper is not None:
+            _require(len(self.T_world_gripper) == n, f"{len(self.T_world_gripper)} grips, {n} frames")
+        if self.grasp_frames is not None:
+            first, last = self.grasp_frames
+            _require(0 <= first <= last < n, f"grasp_frames {self.grasp_frames} outside 0..{n - 1}")
+
+
+@dataclass(frozen=True, slots=True)
+class JointTruth:
+    """The true joint of a recording, from the simulator or a measurement. For scoring alone."""
+
+    kind: JointKind
+    axis: FloatArray  # (3,) unit, world; the state grows along it (right-hand rule)
+    pivot: FloatArray | None  # (3,) a point of the axis, world; None for prismatic
+    states: FloatArray  # (T,) metres or radians; state 0 at the first frame is not required
+
+
+@dataclass(frozen=True, slots=True)
+class PixelTracks:
+    """N pixels followed through T frames."""
+
+    uv: FloatArray  # (T, N, 2), x right, y down, pixel centres at integers; NaN where lost
+    visible: BoolArray  # (T, N)
+    sigma_px: FloatArray  # (T, N) standard deviation of either coordinate; NaN where lost
+
+    def __post_init__(self) -> None:
+        t, n = self.visible.shape
+        _require(self.uv.shape == (t, n, 2), f"uv {self.uv.shape}, expected {(t, n, 2)}")
+        _require(self.sigma_px.shape == (t, n), f"sigma_px {self.sigma_px.shape}, expected {(t, n)}")
+
+
+@dataclass(frozen=True, slots=True)
+class PointTracks:
+    """N points followed through T frames in space, each observation with its covariance.
+
+    `world` is the frame of the input: the robot's for recordings, the sensor's for logs.
+    """
+
+    p_world: FloatArray  # (T, N, 3) metres; NaN where lost
+    cov_world: FloatArray  # (T, N, 3, 3) m^2; NaN where lost
+
+    def __post_init__(self) -> None:
+        _require(
+            self.p_world.ndim == 3 and self.p_world.shape[2] == 3,
+            f"points {self.p_world.shape}, expected (T, N, 3)",
+        )
+        want = (*self.p_world.shape, 3)
+        _require(self.cov_world.shape == want, f"cov {self.cov_world.shape}, expected {want}")
+
+    @property
+    def observed(self) -> BoolArray:
+        """(T, N), True where the point was seen."""
+        return np.isfinite(self.p_world).all(axis=-1)
+
+    def select(self, tracks: NDArray) -> PointTracks:
+        """The tracks with these indices (or where this (N,) mask is True)."""
+        return PointTracks(self.p_world[:, tracks], self.cov_world[:, tracks])
+
+
+@dataclass(frozen=True, slots=True)
+class PoseTrack:
+    """Poses of one part through T frames, with unknown noise level."""
+
+    p_world: FloatArray  # (T, 3) metres
+    R_world_part: FloatArray | None = None  # (T, 3, 3), None where only positions are known
+
+
+@dataclass(frozen=True, slots=True)
+class TimedPath:
+    """Gripper poses with the times at which to be there."""
+
+    stamps_s: FloatArray  # (N,) from 0, strictly growing
+    T_world_gripper: tuple[gtsam.Pose3, ...]  # N
+
+    def __post_init__(self) -> None:
+        n = len(self.T_world_gripper)
+        _require(self.stamps_s.shape == (n,), f"stamps {self.stamps_s.shape}, expected {(n,)}")
+        _require(bool(np.all(np.diff(self.stamps_s) > 0)), "stamps_s must grow strictly")

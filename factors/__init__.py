@@ -1,0 +1,1 @@
+"""GTSAM factors and the joint kinematics they share. Depends on numpy and gtsam only."""

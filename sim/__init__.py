@@ -1,0 +1,1 @@
+"""PyBullet world: articulated furniture, a Franka, a noisy RGB-D camera."""
