@@ -1,0 +1,39 @@
+"""Finds out what an input of ``fit`` is, and reads it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from akm_fg.errors import InputError
+from akm_fg.io.pose_log import read_pose_log
+from akm_fg.io.recording import read_recording
+from akm_fg.io.tracks import TracksInput, read_tracks
+from akm_fg.records import PoseTrack, Recording
+
+FitInput = Recording | TracksInput | PoseTrack
+
+POSE_LOG_SUFFIXES = (".log", ".txt", ".dat")
+WHAT = "a recording folder, tracks (.npz), or a pose log (" + ", ".join(POSE_LOG_SUFFIXES) + ")"
+
+
+def read_input(path: Path) -> FitInput:
+    """Read a recording (folder), tracks (.npz) or a pose log (.log, .txt, .dat).
+
+    Raises:
+        InputError: it does not exist, is none of the three, or is broken.
+    """
+    path = Path(path)
+    try:
+        exists, is_folder = path.exists(), path.is_dir()
+    except (OSError, ValueError) as e:
+        raise InputError(path, "is not a usable path", WHAT) from e
+    if not exists:
+        raise InputError(path, "does not exist", WHAT)
+    if is_folder:
+        return read_recording(path)
+    if path.suffix.lower() == ".npz":
+        return read_tracks(path)
+    if path.suffix.lower() in POSE_LOG_SUFFIXES:
+        return read_pose_log(path)
+    ending = f"ends in {path.suffix!r}" if path.suffix else "has no ending that says what it is"
+    raise InputError(path, ending, WHAT)

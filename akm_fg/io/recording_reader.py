@@ -1,0 +1,193 @@
+"""Recordings: a folder with ``recording.json`` and one numbered PNG a frame and channel.
+
+Format ``akm-fg/recording/1``: ``rgb/000000.png`` (8 bit), ``depth/000000.png`` (16 bit, in
+units of `depth_unit_m` along camera z, 0 unknown), optional ``mask/000000.png`` (object, 0/255).
+The truth, where there is one, is read by its own function: an estimator never sees it.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any, cast
+
+import numpy as np
+from numpy.typing import NDArray
+
+from akm_fg.errors import InputError
+from akm_fg.io.json_fields import Fields, load_json_object
+from akm_fg.io.png import read_depth_raw, read_mask, read_rgb
+from akm_fg.records import (
+    BoolArray,
+    FloatArray,
+    JointKind,
+    JointTruth,
+    PinholeCamera,
+    Recording,
+    RgbdFrame,
+)
+
+SCHEMA = "akm-fg/recording/1"
+KINDS = ("rigid", "prismatic", "revolute")
+UNIT_TOLERANCE = 1e-3  # of an axis' length: more is not rounding
+
+
+def frame_file(folder: Path, channel: str, index: int) -> Path:
+    """The PNG of one channel ("rgb", "depth", "mask") of one frame."""
+    return folder / channel / f"{index:06d}.png"
+
+
+def _open(folder: Path) -> Fields:
+    what = f"a recording folder ({SCHEMA}: recording.json, rgb/, depth/)"
+    if not folder.exists():
+        raise InputError(folder, "does not exist", what)
+    if not folder.is_dir():
+        raise InputError(folder, "is not a folder", what)
+    path = folder / "recording.json"
+    fields = Fields(path, load_json_object(path, f"the description of a recording ({SCHEMA})"))
+    schema = fields.text("schema", f"the string {SCHEMA!r}")
+    if schema != SCHEMA:
+        raise fields.error("schema", f"is {schema!r}"[:80], f"{SCHEMA!r}")
+    return fields
+
+
+def _stamps(fields: Fields, min_frames: int) -> FloatArray:
+    stamps_s = fields.array("stamps_s", (None,), "one finite time in seconds a frame")
+    if len(stamps_s) < min_frames:
+        problem = f"lists {len(stamps_s)} frame{'s' if len(stamps_s) != 1 else ''}"
+        raise fields.error("stamps_s", problem, f"at least {min_frames} frames")
+    late = np.flatnonzero(np.diff(stamps_s) <= 0)
+    if late.size:
+        i = int(late[0])
+        problem = f"does not grow from frame {i} ({stamps_s[i]:g}) to {i + 1} ({stamps_s[i + 1]:g})"
+        raise fields.error("stamps_s", problem, "times that grow strictly")
+    return stamps_s
+
+
+def _check_numbering(folder: Path, channel: str, n: int) -> None:
+    """Refuse more images than stamps; one more is what an interrupted writer leaves."""
+    try:
+        numbers = {int(p.stem) for p in (folder / channel).glob("*.png") if p.stem.isdigit()}
+    except OSError as e:
+        raise InputError(folder / channel, f"cannot be read ({e.strerror})", "a folder") from e
+    if not (folder / channel).is_dir():
+        raise InputError(folder / channel, "is missing", f"a folder with {n} PNG images")
+    missing = sorted(set(range(n)) - numbers)
+    if missing:
+        problem = f"is missing (`stamps_s` lists {n} frames, {len(missing)} without {channel})"
+        raise InputError(frame_file(folder, channel, missing[0]), problem, "one image a frame")
+    if numbers - set(range(n + 1)):
+        problem = f"holds images up to {max(numbers):06d}.png, but `stamps_s` lists {n} frames"
+        raise InputError(folder / channel, problem, "one image for each of `stamps_s`")
+
+
+def _camera(fields: Fields) -> PinholeCamera:
+    camera = fields.table("camera", "an object with width, height, fx, fy, cx, cy")
+    return PinholeCamera(
+        width=camera.positive_integer("width"),
+        height=camera.positive_integer("height"),
+        fx=camera.positive("fx"),
+        fy=camera.positive("fy"),
+        cx=camera.number("cx"),
+        cy=camera.number("cy"),
+    )
+
+
+def _grasp_frames(fields: Fields, n: int) -> tuple[int, int] | None:
+    if not fields.has("grasp_frames"):
+        return None
+    expected = f"[first, last] with 0 <= first <= last < {n}, or null"
+    first, last = fields.array("grasp_frames", (2,), expected)
+    if not (first.is_integer() and last.is_integer() and 0 <= first <= last < n):
+        raise fields.error("grasp_frames", f"is [{first:g}, {last:g}]", expected)
+    return int(first), int(last)
+
+
+def depth_from_raw(raw: NDArray[np.uint16], depth_unit_m: float) -> NDArray[np.float32]:
+    """Metres (H, W) of a stored depth image; NaN where it holds 0."""
+    depth_m = (raw * np.float64(depth_unit_m)).astype(np.float32)
+    depth_m[raw == 0] = np.nan
+    return depth_m
+
+
+def read_recording(folder: Path, min_frames: int = 2) -> Recording:
+    """Read a whole recording without its truth.
+
+    Args:
+        folder: the recording's folder.
+        min_frames: fewest frames that make sense to the caller; a fit needs two.
+
+    Raises:
+        InputError: anything that is missing, damaged or contradicts itself.
+    """
+    folder = Path(folder)
+    fields = _open(folder)
+    camera = _camera(fields)
+    depth_unit_m = fields.positive("depth_unit_m")
+    T_world_cam = fields.pose("T_world_cam")
+    stamps_s = _stamps(fields, min_frames)
+    n = len(stamps_s)
+    grips = fields.poses("T_world_gripper", n) if fields.has("T_world_gripper") else None
+    grasp_frames = _grasp_frames(fields, n)
+    channels = ["rgb", "depth"] + (["mask"] if (folder / "mask").is_dir() else [])
+    for channel in channels:
+        _check_numbering(folder, channel, n)
+    size = (camera.width, camera.height)
+    frames, masks = [], []
+    for i, stamp_s in enumerate(stamps_s):
+        rgb = read_rgb(frame_file(folder, "rgb", i), *size)
+        raw = read_depth_raw(frame_file(folder, "depth", i), *size)
+        depth_m = depth_from_raw(raw, depth_unit_m)
+        frames.append(RgbdFrame(float(stamp_s), rgb, depth_m, camera, T_world_cam))
+        if "mask" in channels:
+            masks.append(read_mask(frame_file(folder, "mask", i), *size))
+    object_masks: tuple[BoolArray, ...] | None = tuple(masks) or None
+    name = folder.name or folder.resolve().name
+    return Recording(name, tuple(frames), object_masks, grips, grasp_frames)
+
+
+def _direction(truth: Fields) -> FloatArray:
+    expected = "a vector of length 1 in the world frame"
+    axis = truth.array("axis", (3,), expected)
+    length = float(np.linalg.norm(axis))
+    if abs(length - 1) > UNIT_TOLERANCE:
+        raise truth.error("axis", f"has length {length:.3g}", expected)
+    return axis / length if abs(length - 1) > 1e-12 else axis
+
+
+def read_truth(folder: Path) -> JointTruth | None:
+    """Read the true joint of a recording, for scoring; None where it is not known.
+
+    A rigid truth may leave its axis out (NaN).
+
+    Raises:
+        InputError: as `read_recording`, or a truth that contradicts itself.
+    """
+    fields = _open(Path(folder))
+    if not fields.has("truth"):
+        return None
+    n = len(_stamps(fields, min_frames=0))
+    truth = fields.table("truth", "an object with kind, axis, pivot, states, or null")
+    expected = "one of " + ", ".join(KINDS)
+    kind = truth.text("kind", expected)
+    if kind not in KINDS:
+        raise truth.error("kind", f"is {kind!r}"[:60], expected)
+    rigid = kind == "rigid"
+    axis = np.full(3, np.nan) if rigid and not truth.has("axis") else _direction(truth)
+    pivot = None
+    if truth.has("pivot"):
+        pivot = truth.array("pivot", (3,), "a point in the world frame, metres, or null")
+    elif kind == "revolute":
+        raise truth.error("pivot", "is missing", "a point of the axis in the world frame, metres")
+    states = truth.array("states", (n,), f"{n} joint states, one for each of `stamps_s`")
+    return JointTruth(cast(JointKind, kind), axis, pivot, states)
+
+
+def truth_as_json(truth: JointTruth) -> dict[str, Any]:
+    """The `truth` field of ``recording.json``."""
+    known_axis = bool(np.isfinite(truth.axis).all())
+    return {
+        "kind": truth.kind,
+        "axis": truth.axis.tolist() if known_axis else None,
+        "pivot": None if truth.pivot is None else truth.pivot.tolist(),
+        "states": truth.states.tolist(),
+    }

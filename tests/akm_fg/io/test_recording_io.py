@@ -1,0 +1,367 @@
+"""Recordings survive the way to disk, and every broken one gets one clear line."""
+
+import json
+import struct
+import zlib
+from pathlib import Path
+
+import cv2
+import gtsam
+import numpy as np
+import pytest
+
+from akm_fg.errors import InputError, OutputError
+from akm_fg.io.recording import RecordingWriter, read_recording, read_truth, write_recording
+from akm_fg.records import JointTruth, PinholeCamera, Recording, RgbdFrame
+
+CAMERA = PinholeCamera(32, 24, 30.5, 30.25, 15.5, 11.5)
+T_WORLD_CAM = gtsam.Pose3(gtsam.Rot3.RzRyRx(0.3, -0.2, 1.1), np.array([0.1, -2.0, 0.7]))
+
+
+def make_recording(n: int = 3, seed: int = 0) -> Recording:
+    rng = np.random.default_rng(seed)
+    frames, masks, grips = [], [], []
+    for i in range(n):
+        rgb = rng.integers(0, 256, (24, 32, 3), dtype=np.uint8)
+        depth_m = rng.uniform(0.3, 5.0, (24, 32)).astype(np.float32)
+        depth_m[rng.random(depth_m.shape) < 0.2] = np.nan
+        frames.append(RgbdFrame(0.1 * i, rgb, depth_m, CAMERA, T_WORLD_CAM))
+        masks.append(rng.random(depth_m.shape) < 0.5)
+        grips.append(gtsam.Pose3(gtsam.Rot3.Rz(0.1 * i), np.array([0.1 * i, 0.0, 0.5])))
+    return Recording("clip", tuple(frames), tuple(masks), tuple(grips), (0, n - 1))
+
+
+def make_truth(n: int = 3) -> JointTruth:
+    axis, pivot = np.array([0.0, 0.6, 0.8]), np.array([1.0, 2.0, 3.0])
+    return JointTruth("revolute", axis, pivot, np.linspace(0, 0.5, n))
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    write_recording(tmp_path / "clip", make_recording(), make_truth())
+    return tmp_path / "clip"
+
+
+def edit(folder: Path, **changes: object) -> None:
+    path = folder / "recording.json"
+    description = json.loads(path.read_text())
+    for name, value in changes.items():
+        if value is KeyError:
+            del description[name]
+        else:
+            description[name] = value
+    path.write_text(json.dumps(description))
+
+
+def all_bytes(folder: Path) -> dict[str, bytes]:
+    return {str(p.relative_to(folder)): p.read_bytes() for p in folder.rglob("*") if p.is_file()}
+
+
+def test_a_recording_comes_back_as_written(folder: Path) -> None:
+    want, got = make_recording(), read_recording(folder)
+    assert got.name == "clip"
+    assert got.grasp_frames == (0, 2)
+    for a, b in zip(want.frames, got.frames, strict=True):
+        assert a.camera == b.camera
+        assert a.stamp_s == b.stamp_s
+        np.testing.assert_array_equal(a.rgb, b.rgb)
+        np.testing.assert_allclose(a.depth_m, b.depth_m, atol=5.1e-5)
+        assert a.T_world_cam.equals(b.T_world_cam, 1e-12)
+    assert want.object_masks is not None and got.object_masks is not None
+    np.testing.assert_array_equal(want.object_masks, got.object_masks)
+    assert want.T_world_gripper is not None and got.T_world_gripper is not None
+    for A, B in zip(want.T_world_gripper, got.T_world_gripper, strict=True):
+        assert A.equals(B, 1e-12)
+
+
+@pytest.mark.parametrize("depth_unit_m", [1e-4, 1e-3, 0.00025])
+def test_writing_what_was_read_gives_the_same_bytes(tmp_path: Path, depth_unit_m: float) -> None:
+    write_recording(tmp_path / "a", make_recording(), make_truth(), depth_unit_m)
+    read, truth = read_recording(tmp_path / "a"), read_truth(tmp_path / "a")
+    write_recording(tmp_path / "b", read, truth, depth_unit_m)
+    assert all_bytes(tmp_path / "a") == all_bytes(tmp_path / "b")
+
+
+def test_the_truth_comes_back_by_its_own_door(folder: Path) -> None:
+    truth = read_truth(folder)
+    assert truth is not None
+    assert truth.kind == "revolute"
+    assert truth.pivot is not None
+    np.testing.assert_array_equal(truth.axis, make_truth().axis)
+    np.testing.assert_array_equal(truth.pivot, make_truth().pivot)
+    np.testing.assert_array_equal(truth.states, make_truth().states)
+
+
+def test_a_rigid_truth_needs_neither_axis_nor_pivot(tmp_path: Path) -> None:
+    truth = JointTruth("rigid", np.full(3, np.nan), None, np.zeros(3))
+    write_recording(tmp_path / "a", make_recording(), truth)
+    got = read_truth(tmp_path / "a")
+    assert got is not None
+    assert got.kind == "rigid" and got.pivot is None and np.isnan(got.axis).all()
+
+
+def test_a_recording_without_truth_masks_and_gripper_is_fine(tmp_path: Path) -> None:
+    write_recording(tmp_path / "a", Recording("a", make_recording().frames))
+    got = read_recording(tmp_path / "a")
+    assert got.object_masks is None and got.T_world_gripper is None and got.grasp_frames is None
+    assert read_truth(tmp_path / "a") is None
+
+
+def test_optional_fields_may_be_left_out(folder: Path) -> None:
+    edit(folder, T_world_gripper=KeyError, grasp_frames=KeyError, truth=KeyError)
+    assert read_recording(folder).T_world_gripper is None
+    assert read_truth(folder) is None
+
+
+def test_depth_beyond_sixteen_bits_is_unknown(tmp_path: Path) -> None:
+    depth_m = np.full((24, 32), 1.0, np.float32)
+    depth_m[0, :4] = [7.0, np.inf, -1.0, 1e-6]
+    frames = [RgbdFrame(t, make_recording().frames[0].rgb, depth_m, CAMERA, T_WORLD_CAM)
+              for t in (0.0, 1.0)]  # fmt: skip
+    write_recording(tmp_path / "a", Recording("a", tuple(frames)))
+    got = read_recording(tmp_path / "a").frames[0].depth_m
+    assert np.isnan(got[0, :4]).all() and np.isfinite(got[1:]).all()
+
+
+def test_a_slightly_rounded_pose_is_made_rigid(folder: Path) -> None:
+    edit(folder, T_world_cam=np.round(T_WORLD_CAM.matrix(), 4).tolist())
+    R = read_recording(folder).frames[0].T_world_cam.rotation().matrix()
+    np.testing.assert_allclose(R.T @ R, np.eye(3), atol=1e-14)
+
+
+def test_an_interrupted_recording_stays_readable_after_every_frame(tmp_path: Path) -> None:
+    recording = make_recording(4)
+    with pytest.raises(KeyboardInterrupt), RecordingWriter(tmp_path / "a") as writer:
+        for i, frame in enumerate(recording.frames):
+            writer.add(frame)
+            assert len(read_recording(tmp_path / "a", min_frames=1).frames) == i + 1
+            if i == 2:
+                raise KeyboardInterrupt
+    assert len(read_recording(tmp_path / "a").frames) == 3
+
+
+def test_an_interrupt_between_images_and_description_loses_that_frame_alone(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    frames = make_recording(3).frames
+    writer = RecordingWriter(tmp_path / "a")
+    writer.add(frames[0])
+    writer.add(frames[1])
+
+    def interrupt() -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(writer, "_describe", interrupt)
+    with pytest.raises(KeyboardInterrupt):
+        writer.add(frames[2])
+    assert (tmp_path / "a/rgb/000002.png").exists()
+    assert len(read_recording(tmp_path / "a").frames) == 2
+
+
+def test_the_writer_refuses_a_used_folder(folder: Path) -> None:
+    with pytest.raises(OutputError, match="not empty"):
+        RecordingWriter(folder)
+
+
+def test_the_writer_refuses_frames_that_do_not_go_together(tmp_path: Path) -> None:
+    a, b, _ = make_recording().frames
+    writer = RecordingWriter(tmp_path / "a")
+    writer.add(a)
+    with pytest.raises(ValueError, match="must grow"):
+        writer.add(a)
+    with pytest.raises(ValueError, match="camera is fixed"):
+        writer.add(RgbdFrame(9.0, b.rgb, b.depth_m, CAMERA, gtsam.Pose3()))
+    with pytest.raises(ValueError, match="object mask"):
+        writer.add(b, object_mask=np.zeros((24, 32), bool))
+    with pytest.raises(ValueError, match="gripper pose"):
+        writer.add(b, T_world_gripper=gtsam.Pose3())
+    with pytest.raises(ValueError, match="depth_unit_m"):
+        RecordingWriter(tmp_path / "b", depth_unit_m=0)
+
+
+CAMERA_FIELDS = {"width": 32, "height": 24, "fx": 30.5, "fy": 30.25, "cx": 15.5, "cy": 11.5}
+SHEARED = np.eye(4) + 0.01 * np.eye(4, k=1)
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"schema": KeyError}, "`schema` is missing; expected the string 'akm-fg/recording/1'"),
+        ({"schema": "akm-fg/recording/9"}, "`schema` is 'akm-fg/recording/9'"),
+        ({"schema": 1}, "`schema` is a number"),
+        ({"camera": KeyError}, "`camera` is missing"),
+        ({"camera": [1, 2]}, "`camera` is a list"),
+        ({"camera": CAMERA_FIELDS | {"fx": float("nan")}}, "`camera.fx` holds NaN"),
+        ({"camera": CAMERA_FIELDS | {"fy": -3}}, "`camera.fy` is -3"),
+        ({"camera": CAMERA_FIELDS | {"cx": "12"}}, "`camera.cx` is a string"),
+        ({"camera": CAMERA_FIELDS | {"cx": None}}, "`camera.cx` is null"),
+        ({"camera": CAMERA_FIELDS | {"cx": 10**400}}, "`camera.cx`"),
+        ({"camera": CAMERA_FIELDS | {"width": 32.5}}, "`camera.width` is 32.5"),
+        ({"camera": CAMERA_FIELDS | {"width": 0}}, "`camera.width` is 0"),
+        ({"camera": CAMERA_FIELDS | {"width": 33}}, "is 32x24; expected the camera's 33x24"),
+        ({"depth_unit_m": KeyError}, "`depth_unit_m` is missing"),
+        ({"depth_unit_m": 0}, "`depth_unit_m` is 0"),
+        ({"depth_unit_m": True}, "`depth_unit_m` is a truth value"),
+        ({"T_world_cam": KeyError}, "`T_world_cam` is missing"),
+        ({"T_world_cam": np.eye(3).tolist()}, "`T_world_cam` is 3x3"),
+        ({"T_world_cam": [[1, 2], [3]]}, "`T_world_cam` has rows of different lengths"),
+        ({"T_world_cam": SHEARED.tolist()}, "`T_world_cam` is not a rotation"),
+        ({"T_world_cam": np.diag([1, 1, -1, 1]).tolist()}, "is a reflection"),
+        ({"T_world_cam": np.diag([1, 1, 1, 2]).tolist()}, "last row"),
+        ({"stamps_s": KeyError}, "`stamps_s` is missing"),
+        ({"stamps_s": [0, 0.2, 0.1]}, "does not grow from frame 1 (0.2) to 2 (0.1)"),
+        ({"stamps_s": [0, None, 1]}, "`stamps_s` holds other things than numbers"),
+        ({"stamps_s": [0]}, "lists 1 frame; expected at least 2 frames"),
+        ({"stamps_s": []}, "lists 0 frames"),
+        ({"stamps_s": [0, 1, 2, 3], "T_world_gripper": None}, "000003.png: is missing (`stamps_s` lists 4 frames"),
+        ({"T_world_gripper": [np.eye(4).tolist()]}, "`T_world_gripper` is 1x4x4"),
+        ({"T_world_gripper": [SHEARED.tolist()] * 3}, "`T_world_gripper[0]` is not a rotation"),
+        ({"grasp_frames": [0, 3]}, "`grasp_frames` is [0, 3]"),
+        ({"grasp_frames": [2, 1]}, "`grasp_frames` is [2, 1]"),
+        ({"grasp_frames": 3}, "`grasp_frames` is a number"),
+    ],
+)  # fmt: skip
+def test_a_broken_description_is_named(
+    folder: Path, changes: dict[str, object], message: str
+) -> None:
+    edit(folder, **changes)
+    with pytest.raises(InputError) as caught:
+        read_recording(folder)
+    text = str(caught.value)
+    assert message in text
+    assert "expected" in text and "\n" not in text
+    assert str(folder) in text
+
+
+def test_images_far_beyond_the_stamps_are_a_contradiction(tmp_path: Path) -> None:
+    write_recording(tmp_path / "a", make_recording(4))
+    edit(tmp_path / "a", stamps_s=[0, 1], T_world_gripper=None, grasp_frames=None)
+    with pytest.raises(InputError, match=r"holds images up to 000003\.png, but `stamps_s` lists 2"):
+        read_recording(tmp_path / "a")
+
+
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [
+        (b'{"schema": "akm-fg/recording/1",\n "camera": }', "line 2, column 12"),
+        (b"", "line 1, column 1"),
+        (b"[1, 2]", "holds a list"),
+        (b"\xff\xfe\x00", "is not text"),
+        (b"[" * 100_000, "nested too deeply"),
+    ],
+)
+def test_a_file_that_is_no_description_is_named(folder: Path, content: bytes, message: str) -> None:
+    (folder / "recording.json").write_bytes(content)
+    with pytest.raises(InputError, match=message):
+        read_recording(folder)
+
+
+@pytest.mark.parametrize(
+    ("field", "value", "message"),
+    [
+        ("kind", "screw", "`truth.kind` is 'screw'"),
+        ("kind", KeyError, "`truth.kind` is missing"),
+        ("axis", [0, 0, 2], "`truth.axis` has length 2"),
+        ("axis", None, "`truth.axis` is null"),
+        ("pivot", None, "`truth.pivot` is missing"),
+        ("pivot", [0, 1], "`truth.pivot` is 2"),
+        ("states", [0, 1], "`truth.states` is 2"),
+    ],
+)
+def test_a_broken_truth_is_named_and_does_not_stop_the_estimator(
+    folder: Path, field: str, value: object, message: str
+) -> None:
+    truth = json.loads((folder / "recording.json").read_text())["truth"]
+    truth[field] = value
+    edit(folder, truth={k: v for k, v in truth.items() if v is not KeyError})
+    with pytest.raises(InputError) as caught:
+        read_truth(folder)
+    assert message in str(caught.value)
+    read_recording(folder)
+
+
+def test_a_missing_folder_or_description_is_named(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="does not exist"):
+        read_recording(tmp_path / "nowhere")
+    with pytest.raises(InputError, match=r"recording\.json: is missing"):
+        read_recording(tmp_path)
+    (tmp_path / "file").write_text("x")
+    with pytest.raises(InputError, match="is not a folder"):
+        read_recording(tmp_path / "file")
+
+
+@pytest.mark.parametrize("channel", ["rgb", "depth", "mask"])
+def test_a_missing_frame_is_named(folder: Path, channel: str) -> None:
+    (folder / channel / "000001.png").unlink()
+    with pytest.raises(InputError, match=rf"{channel}.000001\.png: is missing"):
+        read_recording(folder)
+
+
+def test_a_missing_channel_is_named(folder: Path) -> None:
+    for file in (folder / "depth").iterdir():
+        file.unlink()
+    (folder / "depth").rmdir()
+    with pytest.raises(InputError, match="depth: is missing"):
+        read_recording(folder)
+
+
+@pytest.mark.parametrize("channel", ["rgb", "depth", "mask"])
+@pytest.mark.parametrize("keep", [0, 4, 20, 0.5, -13, -1])
+def test_a_truncated_image_is_never_half_read(
+    folder: Path, channel: str, keep: float, capfd: pytest.CaptureFixture[str]
+) -> None:
+    path = folder / channel / "000001.png"
+    data = path.read_bytes()
+    path.write_bytes(data[: int(keep * len(data)) if keep == 0.5 else int(keep)])
+    with pytest.raises(InputError) as caught:
+        read_recording(folder)
+    assert str(path) in str(caught.value)
+    assert capfd.readouterr().err == ""
+
+
+def test_a_flipped_byte_is_noticed(folder: Path) -> None:
+    path = folder / "depth/000001.png"
+    data = bytearray(path.read_bytes())
+    data[len(data) // 2] ^= 0xFF
+    path.write_bytes(data)
+    with pytest.raises(InputError, match="is damaged near byte"):
+        read_recording(folder)
+
+
+def test_a_short_pixel_stream_with_right_checksums_is_noticed(folder: Path) -> None:
+    path = folder / "depth/000001.png"
+    data = path.read_bytes()
+    at = data.index(b"IDAT") - 4
+    (length,) = struct.unpack_from(">I", data, at)
+    content = b"IDAT" + data[at + 8 : at + 8 + length // 2]
+    chunk = struct.pack(">I", length // 2) + content + struct.pack(">I", zlib.crc32(content))
+    path.write_bytes(data[:at] + chunk + data[at + 12 + length :])
+    with pytest.raises(InputError, match="stop early"):
+        read_recording(folder)
+
+
+def test_an_image_of_the_wrong_kind_is_named(folder: Path) -> None:
+    depth = folder / "depth/000002.png"
+    whole = depth.read_bytes()
+    cv2.imwrite(str(depth), np.ones((24, 32), np.uint8))
+    with pytest.raises(InputError, match="one channel of 8 bits; expected depth as one channel"):
+        read_recording(folder)
+    cv2.imwrite(str(depth), np.ones((24, 32, 3), np.uint16))
+    with pytest.raises(InputError, match="several channels of 16 bits"):
+        read_recording(folder)
+    cv2.imwrite(str(depth), np.ones((12, 16), np.uint16))
+    with pytest.raises(InputError, match=r"is 16x12; expected the camera's 32x24"):
+        read_recording(folder)
+    depth.write_bytes(b"GIF89a not a png at all")
+    with pytest.raises(InputError, match="is not a PNG"):
+        read_recording(folder)
+    depth.write_bytes(whole)
+    cv2.imwrite(str(folder / "rgb/000000.png"), np.ones((24, 32, 3), np.uint16))
+    with pytest.raises(InputError, match="16 bits a channel"):
+        read_recording(folder)
+
+
+def test_a_mask_of_ones_is_refused(folder: Path) -> None:
+    cv2.imwrite(str(folder / "mask/000000.png"), np.ones((24, 32), np.uint8))
+    with pytest.raises(InputError, match="holds the value 1; expected a mask of 0 and 255"):
+        read_recording(folder)
