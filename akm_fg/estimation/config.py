@@ -1,0 +1,35 @@
+"""Tuning of the estimator: every number with its unit and reason."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+from akm_fg.estimation.rigid_motion import RigidMotionConfig
+
+
+@dataclass(frozen=True, slots=True)
+class PriorConfig:
+    """Proper priors: what the evidence of a kind is measured against."""
+
+    hinge_distance_m: float = 0.3  # median distance of a hinge from the part's middle
+    hinge_distance_sigma_log: float = 0.6  # 95 % of hinges between 9 cm and 1 m
+    displacement_m: float = 0.3  # sd of a part's displacement in any one frame
+    kind_probability: dict[str, float] = field(
+        default_factory=lambda: {"rigid": 1 / 3, "prismatic": 1 / 3, "revolute": 1 / 3}
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class FitConfig:
+    """How a fit is done and what counts as an answer."""
+
+    prior: PriorConfig = field(default_factory=PriorConfig)
+    rigid_motion: RigidMotionConfig = field(default_factory=RigidMotionConfig)
+    dof: float = 6.0  # of the Student-t noise: 97 % efficient on Gaussian noise, see docs
+    max_frames: int = 60  # frames in the graph; the others get their states afterwards
+    scale_iterations: int = 6  # rounds of: solve, estimate the noise scale
+    scale_tolerance: float = 0.02  # relative change of the noise scale that ends the rounds
+    noise_prior_observations: float = 20.0  # weight of a given noise level, as observations
+    undecided_below: float = 0.95  # probability a kind needs to be named
+    systematic_share: float = 0.02  # of the travel: marker bias, flexing parts, play in the hinge
+    parametric_p_value: float = 1e-3  # chi-square level below which no kind explains the data

@@ -1,0 +1,150 @@
+"""How the part moved, before any joint is assumed: one free rigid motion per frame.
+
+Serves three ends that must not depend on the joint kind: which tracks belong to one rigid part,
+how noisy they are, and where to start the joints from.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from akm_fg.records import BoolArray, FloatArray, PointTracks
+
+# Below this many common points, or on a line, a frame's rotation says nothing.
+MIN_POINTS = 3
+
+
+@dataclass(frozen=True, slots=True)
+class RigidMotionConfig:
+    """Robust generalised Procrustes analysis."""
+
+    samples: int = 64  # minimal sets tried; 20 % outliers: all fail with probability 1e-20
+    iterations: int = 6
+    inlier_sigmas: float = 4.0  # of a 3-d residual; 0.1 % of good observations lie beyond
+    min_inlier_share: float = 0.6  # of a track's observations, else the whole track is rejected
+
+
+@dataclass(frozen=True, slots=True)
+class RigidMotion:
+    """Motion of the part from the reference frame to every frame."""
+
+    R_world: FloatArray  # (T, 3, 3)
+    t_world: FloatArray  # (T, 3); p_t = R_t p_ref + t_t
+    shape_world: FloatArray  # (N, 3) the points in the reference frame
+    known: BoolArray  # (T,) frames with enough points
+    inlier: BoolArray  # (N,) tracks that move with the part
+    scale: float  # noise of the inliers, in units of their given covariances
+
+
+def procrustes(a: FloatArray, b: FloatArray, w: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Rotations (..., 3, 3) and translations (..., 3) that take a to b, weights w (..., N).
+
+    Least squares over points (..., N, 3) (Arun, Huang, Blostein, 1987; sign after Umeyama, 1991).
+    """
+    total = np.maximum(w.sum(-1), 1e-300)[..., None]
+    mean_a = np.einsum("...n,...ni->...i", w, a) / total
+    mean_b = np.einsum("...n,...ni->...i", w, b) / total
+    cross = np.einsum(
+        "...ni,...nj->...ij", w[..., None] * (b - mean_b[..., None, :]), a - mean_a[..., None, :]
+    )
+    U, _, Vt = np.linalg.svd(cross)
+    U[..., :, 2] *= np.sign(np.linalg.det(U @ Vt))[..., None]
+    R = U @ Vt
+    return R, mean_b - np.einsum("...ij,...j->...i", R, mean_a)
+
+
+def free_rigid_motion(
+    tracks: PointTracks, rng: np.random.Generator, config: RigidMotionConfig | None = None
+) -> RigidMotion:
+    """Fit one rigid motion per frame to the tracks, robustly.
+
+    Args:
+        tracks: T frames, N points of what should be one part.
+        rng: draws the minimal sets.
+        config: tuning.
+    """
+    config = config or RigidMotionConfig()
+    observed = tracks.observed
+    p = np.where(observed[..., None], tracks.p_world, 0.0)
+    sigma2 = np.where(observed, np.trace(np.nan_to_num(tracks.cov_world), axis1=2, axis2=3) / 3, 1.0)
+    ref = int(np.argmax(observed.sum(axis=1)))
+    member = _consensus(p, observed, sigma2, ref, rng, config)
+    w = np.where(observed & member[None], 1 / sigma2, 0.0)
+    shape, has_shape = p[ref], observed[ref].copy()
+    R, t = np.tile(np.eye(3), (p.shape[0], 1, 1)), np.zeros((p.shape[0], 3))
+    scale, d2 = 1.0, np.zeros_like(sigma2)
+    for _ in range(config.iterations):
+        R, t = procrustes(shape[None], p, w * has_shape[None])
+        shape, has_shape = _mean_shape(p, R, t, w)
+        e = p - np.einsum("tij,nj->tni", R, shape) - t[:, None]
+        d2 = np.where(observed & has_shape[None], (e * e).sum(-1) / sigma2, np.nan)
+        scale = _robust_scale(d2[:, member], tracks_per_frame=int(member.sum()))
+        w = np.where(np.nan_to_num(d2, nan=np.inf) < (config.inlier_sigmas * scale) ** 2, 1.0, 0.1)
+        w = w * observed * member[None] / sigma2 / (1 + np.nan_to_num(d2) / scale**2 / 5)
+    good = d2 < (config.inlier_sigmas * scale) ** 2
+    share = good.sum(axis=0) / np.maximum(observed.sum(axis=0), 1)
+    return RigidMotion(
+        R_world=R,
+        t_world=t,
+        shape_world=shape,
+        known=(observed & member[None]).sum(axis=1) >= MIN_POINTS,
+        inlier=share >= config.min_inlier_share,
+        scale=scale,
+    )
+
+
+def _robust_scale(d2: FloatArray, tracks_per_frame: int) -> float:
+    """Noise scale from the median squared residual (chi-square, 3 degrees, median 2.366)."""
+    freedom = max(1 - 2 / max(tracks_per_frame, 3), 0.3)  # six numbers fitted to 3 N a frame
+    return float(np.sqrt(max(float(np.nanmedian(d2)), 1e-24) / (2.366 * freedom)))
+
+
+def _mean_shape(
+    p: FloatArray, R: FloatArray, t: FloatArray, w: FloatArray
+) -> tuple[FloatArray, BoolArray]:
+    """Weighted mean of the points taken back to the reference frame, and where it exists."""
+    back = np.einsum("tji,tnj->tni", R, p - t[:, None])
+    total = w.sum(axis=0)
+    mean = np.einsum("tn,tni->ni", w, back) / np.maximum(total, 1e-300)[:, None]
+    return mean, total > 0
+
+
+def _consensus(
+    p: FloatArray,
+    observed: BoolArray,
+    sigma2: FloatArray,
+    ref: int,
+    rng: np.random.Generator,
+    config: RigidMotionConfig,
+) -> BoolArray:
+    """(N,) tracks that agree on one rigid motion to the frame where most of them moved most.
+
+    Tracks not seen in both frames are given the benefit of the doubt.
+    """
+    T, N, _ = p.shape
+    member = np.ones(N, dtype=bool)
+    common = observed & observed[ref][None]
+    enough = common.sum(axis=1) >= max(MIN_POINTS + 1, common.sum(axis=1).max() // 2)
+    moved = np.array(
+        [np.median(np.linalg.norm(p[t] - p[ref], axis=-1)[common[t]]) if enough[t] else -1.0
+         for t in range(T)]
+    )
+    far = int(np.argmax(moved))
+    index = np.flatnonzero(common[far])
+    if far == ref or index.size <= MIN_POINTS:
+        return member
+    a, b = p[ref, index], p[far, index]
+    triples = np.array([rng.choice(index.size, 3, replace=False) for _ in range(config.samples)])
+    R, t = procrustes(a[triples], b[triples], np.ones(triples.shape))
+    error = np.linalg.norm(b[None] - np.einsum("sij,nj->sni", R, a) - t[:, None], axis=-1)
+    noise = np.sqrt(sigma2[ref, index] + sigma2[far, index])
+    whitened = error / noise
+    # The noise level may be off by a factor: judge by the best sample's own spread.
+    best = int(np.argmin(np.median(whitened, axis=1)))
+    limit = config.inlier_sigmas * max(float(np.median(whitened[best])) / 1.54, 0.3)
+    R, t = procrustes(a, b, (whitened[best] < limit).astype(float))
+    refined = np.linalg.norm(b - a @ R.T - t, axis=-1) / noise
+    member[index] = refined < limit
+    return member

@@ -1,0 +1,103 @@
+"""Kinematics of one joint: where the joint takes the points of the moving part.
+
+The part moves by ``T_world_joint * Exp(q S) * T_world_joint^-1`` with a unit twist S in the joint
+frame, whose z axis is the joint axis: rotation about z (revolute), translation along z
+(prismatic). Frames and tangent order: docs/conventions.md (GTSAM order: rotation first,
+increment on the right).
+
+Everything here works on *reference coordinates*: the joint-frame coordinates, at state zero, of
+an observed point,
+
+    z = Exp(-q S) T_world_joint^-1 p_world.
+
+A point of the part has the same z in every frame, so z minus the point's latent reference is the
+residual. With ``G(z) = [ [z]x | -I ]``, the derivative of a point's coordinates under a twist of
+the frame, the chain rule gives (Lynch and Park, Modern Robotics, 2017, sec. 3.3 and 5.1)
+
+    d z / d xi = G(z) Ad(Exp(-q S)),      d z / d q = G(z) S,
+
+for a right increment xi of T_world_joint.
+"""
+
+from __future__ import annotations
+
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+MovingKind = Literal["prismatic", "revolute"]
+
+UNIT_TWIST: dict[str, Array] = {
+    "revolute": np.array([0.0, 0.0, 1.0, 0.0, 0.0, 0.0]),
+    "prismatic": np.array([0.0, 0.0, 0.0, 0.0, 0.0, 1.0]),
+}
+
+
+def unit_twist(kind: str) -> Array:
+    """The joint's unit twist S (6,), rotation first, in the joint frame.
+
+    Raises:
+        ValueError: an unknown kind.
+    """
+    if kind not in UNIT_TWIST:
+        raise ValueError(f"joint kind {kind!r}, expected one of {sorted(UNIT_TWIST)}")
+    return UNIT_TWIST[kind]
+
+
+def joint_displacement(kind: str, q: Array) -> tuple[Array, Array]:
+    """Rotations (T, 3, 3) and translations (T, 3) of Exp(q S) in the joint frame, q (T,)."""
+    twist = unit_twist(kind)
+    rotations = np.tile(np.eye(3), (q.size, 1, 1))
+    translations = np.zeros((q.size, 3))
+    if twist[2]:
+        c, s = np.cos(q * twist[2]), np.sin(q * twist[2])
+        rotations[:, 0, 0] = rotations[:, 1, 1] = c
+        rotations[:, 0, 1], rotations[:, 1, 0] = -s, s
+    translations[:, 2] = q * twist[5]
+    return rotations, translations
+
+
+def part_motion(kind: str, T_world_joint: Array, q: Array) -> tuple[Array, Array]:
+    """Rotations (T, 3, 3) and translations (T, 3) that take points at state 0 to state q, in world.
+
+    Args:
+        kind: joint kind.
+        T_world_joint: (4, 4).
+        q: (T,) states, radians or metres.
+    """
+    R_world_joint, o_world = T_world_joint[:3, :3], T_world_joint[:3, 3]
+    rotations, translations = joint_displacement(kind, q)
+    R_world = R_world_joint @ rotations @ R_world_joint.T
+    t_world = translations @ R_world_joint.T + o_world - R_world @ o_world
+    return R_world, t_world
+
+
+def reference_coordinates(kind: str, T_world_joint: Array, q: Array, p_world: Array) -> Array:
+    """Reference coordinates z (T, 3, N) of observed points p_world (T, 3, N), states q (T,)."""
+    R_world_joint, o_world = T_world_joint[:3, :3], T_world_joint[:3, 3]
+    rotations, translations = joint_displacement(kind, q)
+    R_ref_world = np.swapaxes(rotations, 1, 2) @ R_world_joint.T
+    offset = np.einsum("tij,tj->ti", R_ref_world, o_world + translations @ R_world_joint.T)
+    return R_ref_world @ p_world - offset[:, :, None]
+
+
+def adjoint_of_return(kind: str, q: Array) -> Array:
+    """Ad(Exp(-q S)) for every frame, (T, 6, 6), tangent order rotation first."""
+    rotations, translations = joint_displacement(kind, q)
+    Rt = np.swapaxes(rotations, 1, 2)
+    back = -np.einsum("tij,tj->ti", Rt, translations)
+    adjoint = np.zeros((q.size, 6, 6))
+    adjoint[:, :3, :3] = adjoint[:, 3:, 3:] = Rt
+    adjoint[:, 3:, :3] = skew(back) @ Rt
+    return adjoint
+
+
+def skew(v: Array) -> Array:
+    """Cross-product matrices (..., 3, 3) of vectors (..., 3)."""
+    out = np.zeros((*v.shape[:-1], 3, 3))
+    out[..., 0, 1], out[..., 0, 2] = -v[..., 2], v[..., 1]
+    out[..., 1, 0], out[..., 1, 2] = v[..., 2], -v[..., 0]
+    out[..., 2, 0], out[..., 2, 1] = -v[..., 1], v[..., 0]
+    return out

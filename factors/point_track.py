@@ -1,0 +1,275 @@
+"""Point-track factor: every tracked point of the part follows the joint.
+
+Claim: N points of one rigid part, observed in T frames with known 3x3 covariances, move as the
+joint says. Variables: T_world_joint (Pose3) and one state q_t per frame (double; q of a frame
+may be fixed at zero). The points' reference positions are latent and marginalised here, so that
+no frame counts as exact (the paper's Eq. 5 takes the first frame's points as truth, which makes
+the axis' covariance several times too small).
+
+Residual of one observation, in reference coordinates (see `factors.joint_motion`):
+
+    e_tn = z_tn - x_n,     d2_tn = e_tn^T Lambda_tn e_tn,     cost = 1/2 sum rho(d2_tn)
+
+with rho the Student-t kernel *per observation* and Lambda the inverse covariance, rotated from
+world by the joint and the state. That rotation is what makes the twist Jacobian G(x), at the
+latent point, and not G(z): the error in world is p - T_world_joint Exp(q S) x. For given joint
+and states the latent x_n minimises its own terms (iterated weighted means); the
+Gauss-Newton information of what remains is the Schur complement over all x_n. GTSAM sees
+6 + T + 1 rows however many points there are (`square_root_rows`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import gtsam
+import numpy as np
+from numpy.typing import NDArray
+
+from factors.adapter import make_factor, square_root_rows
+from factors.joint_motion import (
+    adjoint_of_return,
+    joint_displacement,
+    reference_coordinates,
+    unit_twist,
+)
+from factors.student_t import twice_negative_log_kernel, weight
+
+Array = NDArray[np.float64]
+
+# A symmetric 3x3 matrix as six numbers: xx, xy, xz, yy, yz, zz.
+_ROW, _COL = np.triu_indices(3)
+_PACKED = np.array([[0, 1, 2], [1, 3, 4], [2, 4, 5]])
+
+
+@dataclass(frozen=True, slots=True)
+class TrackObservations:
+    """Observed points in the layout the factor works in."""
+
+    p_world: Array  # (T, 3, N) metres; 0 where not observed
+    information_world: Array  # (T, 6, N) inverse covariance, packed; 0 where not observed
+    observed: NDArray[np.bool_]  # (T, N)
+    log_det_cov: float  # sum over the observed of log |cov|
+
+    @staticmethod
+    def from_points(p_world: Array, cov_world: Array) -> TrackObservations:
+        """Pack points (T, N, 3), NaN where lost, with covariances (T, N, 3, 3) in m^2.
+
+        Raises:
+            ValueError: shapes that do not match, or a covariance that is not positive definite.
+        """
+        if p_world.ndim != 3 or p_world.shape[2] != 3 or cov_world.shape != (*p_world.shape, 3):
+            raise ValueError(
+                f"points {p_world.shape} and covariances {cov_world.shape}, "
+                "expected (T, N, 3) and (T, N, 3, 3)"
+            )
+        observed = np.isfinite(p_world).all(axis=-1)
+        cov = np.where(observed[..., None, None], cov_world, np.eye(3))
+        if not np.isfinite(cov).all():
+            raise ValueError("a covariance of an observed point is not finite")
+        eigenvalues = np.linalg.eigvalsh(cov)
+        if eigenvalues.min(initial=1.0) <= 0:
+            raise ValueError("a covariance is not positive definite")
+        information = np.linalg.inv(cov)[:, :, _ROW, _COL] * observed[..., None]
+        return TrackObservations(
+            p_world=np.ascontiguousarray(np.where(observed[..., None], p_world, 0.0).swapaxes(1, 2)),
+            information_world=np.ascontiguousarray(information.swapaxes(1, 2)),
+            observed=observed,
+            log_det_cov=float(np.log(eigenvalues).sum()),
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class TrackCost:
+    """The cost of all tracks at one joint and one set of states, latent points at their best."""
+
+    twice_cost: float
+    d2: Array  # (T, N) squared whitened errors; 0 where not observed
+    x_joint: Array  # (3, N) latent reference points, joint frame
+    log_det_latent: float  # sum of log |information of x_n|
+    z_joint: Array  # (T, 3, N) reference coordinates
+    information: Array  # (T, 6, N) weighted, packed, in reference coordinates
+
+
+def track_cost(
+    kind: str, T_world_joint: Array, q: Array, tracks: TrackObservations, dof: float, scale: float
+) -> TrackCost:
+    """Evaluate the tracks' cost.
+
+    Args:
+        kind: joint kind.
+        T_world_joint: (4, 4).
+        q: (T,) states.
+        tracks: the observations.
+        dof: degrees of freedom of the Student-t kernel.
+        scale: factor on the observations' standard deviations.
+    """
+    z = reference_coordinates(kind, T_world_joint, q, tracks.p_world)
+    rotations, _ = joint_displacement(kind, q)
+    information = _rotated(tracks.information_world, T_world_joint[:3, :3] @ rotations) / scale**2
+    x = _first_reference(z, tracks.observed)
+    x, weighted, d2 = _best_reference(z, information, x, dof)
+    total = weighted.sum(axis=0)[_PACKED].transpose(2, 0, 1)
+    return TrackCost(
+        twice_cost=float(twice_negative_log_kernel(d2, dof, 3).sum()),
+        d2=d2,
+        x_joint=x,
+        log_det_latent=float(np.log(np.linalg.det(total)).sum()),
+        z_joint=z,
+        information=weighted,
+    )
+
+
+def _rotated(information: Array, rotation: Array) -> Array:
+    """R^T Lambda R for packed Lambda (T, 6, N) and rotations (T, 3, 3)."""
+    left, right = rotation[:, :, _ROW], rotation[:, :, _COL]
+    # out_(ab) = sum_ij R_ia R_jb L_ij, the pair (i, j) folded onto the packed index
+    full = np.einsum("tip,tjp->tpij", left, right)
+    fold = np.empty((rotation.shape[0], 6, 6))
+    for k, (i, j) in enumerate(zip(_ROW, _COL, strict=True)):
+        fold[:, :, k] = full[:, :, i, j] if i == j else full[:, :, i, j] + full[:, :, j, i]
+    return fold @ information
+
+
+def _times(packed: Array, v: Array) -> Array:
+    """Packed symmetric (T, 6, N) times vectors (T, 3, N)."""
+    x, y, w = v[:, 0], v[:, 1], v[:, 2]
+    return np.stack(
+        [
+            packed[:, 0] * x + packed[:, 1] * y + packed[:, 2] * w,
+            packed[:, 1] * x + packed[:, 3] * y + packed[:, 4] * w,
+            packed[:, 2] * x + packed[:, 4] * y + packed[:, 5] * w,
+        ],
+        axis=1,
+    )
+
+
+def _first_reference(z: Array, observed: NDArray[np.bool_]) -> Array:
+    """Median over the frames of each point's reference coordinates, (3, N)."""
+    if observed.all():
+        return np.median(z, axis=0)
+    masked = np.where(observed[:, None, :], z, np.nan)
+    return np.nanmedian(masked, axis=0)
+
+
+def _best_reference(
+    z: Array, information: Array, x: Array, dof: float, iterations: int = 12, tolerance: float = 1e-8
+) -> tuple[Array, Array, Array]:
+    """Minimise each point's robust cost over its reference; x, weighted information, d2."""
+    for _ in range(iterations):
+        e = z - x
+        Le = _times(information, e)
+        d2 = (e * Le).sum(axis=1)
+        w = weight(d2, dof, 3)[:, None, :]
+        weighted = information * w
+        total = weighted.sum(axis=0)[_PACKED].transpose(2, 0, 1)
+        pull = (Le * w).sum(axis=0).T
+        step = np.linalg.solve(total, pull[..., None])[..., 0]
+        x = x + step.T
+        # A step's length in units of the reference's own standard deviation.
+        if np.max(np.einsum("nij,ni,nj->n", total, step, step), initial=0.0) < tolerance:
+            break
+    e = z - x
+    d2 = (e * _times(information, e)).sum(axis=1)
+    return x, information * weight(d2, dof, 3)[:, None, :], d2
+
+
+def track_normal_equations(kind: str, q: Array, cost: TrackCost) -> tuple[Array, Array]:
+    """Information (6 + T, 6 + T) and gradient (6 + T,) over (xi, q), latent points marginalised."""
+    z, W = cost.z_joint, cost.information
+    T, _, N = z.shape
+    S, adjoint = unit_twist(kind), adjoint_of_return(kind, q)
+    V = _information_times_twist_jacobian(cost.x_joint, W)  # (T, 3, 6, N)
+    e = z - cost.x_joint
+    rotation_rows = _cross(cost.x_joint, V)  # [x]x^T V, (T, 3, 6, N)
+    twist_information = np.concatenate([rotation_rows.sum(-1), -V.sum(-1)], axis=1)  # (T, 6, 6)
+    twist_gradient = np.einsum("tajn,tan->tj", V, e)
+    F = np.empty((3, 6 + T, N))
+    F[:, :6] = np.einsum("tajn,tjk->akn", V, adjoint, optimize=True)
+    F[:, 6:] = np.einsum("tajn,j->atn", V, S)
+    chained = twist_information @ adjoint
+    H = np.zeros((6 + T, 6 + T))
+    H[:6, :6] = np.einsum("tji,tjk->ik", adjoint, chained)
+    H[6:, :6] = np.einsum("j,tjk->tk", S, chained)
+    H[:6, 6:] = H[6:, :6].T
+    H[range(6, 6 + T), range(6, 6 + T)] = np.einsum("i,tij,j->t", S, twist_information, S)
+    g = np.concatenate([np.einsum("tji,tj->i", adjoint, twist_gradient), twist_gradient @ S])
+    total = W.sum(axis=0)[_PACKED].transpose(2, 0, 1)
+    pull = _times(W, e).sum(axis=0).T[..., None]  # what is left of the latent's own gradient
+    Y = np.linalg.solve(
+        np.linalg.cholesky(total), np.concatenate([F.transpose(2, 0, 1), pull], axis=2)
+    ).reshape(-1, 7 + T)
+    marginalised = Y[:, :-1].T @ Y
+    return H - marginalised[:, :-1], g - marginalised[:, -1]
+
+
+def _information_times_twist_jacobian(x_joint: Array, W: Array) -> Array:
+    """W G(x) with G = [ [x]x | -I ], (T, 3, 6, N): a row w of W gives w x x and -w."""
+    full = W[:, _PACKED]  # (T, 3, 3, N)
+    V = np.empty((W.shape[0], 3, 6, W.shape[2]))
+    a, b, c = full[:, :, 0], full[:, :, 1], full[:, :, 2]
+    x, y, z = x_joint
+    V[:, :, 0] = b * z - c * y
+    V[:, :, 1] = c * x - a * z
+    V[:, :, 2] = a * y - b * x
+    V[:, :, 3:] = -full
+    return V
+
+
+def _cross(x_joint: Array, V: Array) -> Array:
+    """[x]x^T V = -(x x columns of V), (T, 3, 6, N)."""
+    x, y, z = x_joint
+    return np.stack(
+        [z * V[:, 1] - y * V[:, 2], x * V[:, 2] - z * V[:, 0], y * V[:, 0] - x * V[:, 1]], axis=1
+    )
+
+
+def point_track_factor(
+    kind: str,
+    joint_key: int,
+    state_keys: Sequence[int | None],
+    tracks: TrackObservations,
+    dof: float,
+    scale: float,
+) -> gtsam.CustomFactor:
+    """The factor over T_world_joint and the states.
+
+    Args:
+        kind: joint kind.
+        joint_key: key of T_world_joint (Pose3).
+        state_keys: one a frame, key of q_t (double), or None where q_t is fixed at zero.
+        tracks: the observations, T frames.
+        dof: degrees of freedom of the Student-t kernel.
+        scale: factor on the observations' standard deviations.
+
+    Raises:
+        ValueError: the number of keys is not that of the frames, or an unknown kind.
+    """
+    unit_twist(kind)
+    if len(state_keys) != tracks.p_world.shape[0]:
+        raise ValueError(f"{len(state_keys)} state keys, {tracks.p_world.shape[0]} frames")
+    free = [t for t, key in enumerate(state_keys) if key is not None]
+    keys = [state_keys[t] for t in free]
+    columns = np.concatenate([np.arange(6), 6 + np.array(free, dtype=int)])
+    last: dict[bytes, TrackCost] = {}
+
+    def residual(values: gtsam.Values, want_jacobians: bool) -> tuple[Array, list[Array] | None]:
+        T_world_joint = values.atPose3(joint_key).matrix()
+        q = np.zeros(len(state_keys))
+        q[free] = [values.atDouble(key) for key in keys]
+        here = T_world_joint.tobytes() + q.tobytes()
+        if here not in last:  # the optimiser asks for the error first, then for the Jacobian
+            last.clear()
+            last[here] = track_cost(kind, T_world_joint, q, tracks, dof, scale)
+        cost = last[here]
+        if not want_jacobians:
+            e = np.zeros(columns.size + 1)
+            e[-1] = np.sqrt(cost.twice_cost)
+            return e, None
+        H, g = track_normal_equations(kind, q, cost)
+        A, e = square_root_rows(H[np.ix_(columns, columns)], g[columns], cost.twice_cost)
+        return e, [A[:, :6], *(A[:, 6 + k : 7 + k] for k in range(len(free)))]
+
+    dims = {joint_key: 6, **dict.fromkeys(keys, 1)}
+    return make_factor(residual, dims, gtsam.noiseModel.Unit.Create(columns.size + 1))
