@@ -93,7 +93,13 @@ class TrackCost:
 
 
 def track_cost(
-    kind: str, T_world_joint: Array, q: Array, tracks: TrackObservations, dof: float, scale: float
+    kind: str,
+    T_world_joint: Array,
+    q: Array,
+    tracks: TrackObservations,
+    dof: float,
+    scale: float,
+    x_start: Array | None = None,
 ) -> TrackCost:
     """Evaluate the tracks' cost.
 
@@ -104,11 +110,12 @@ def track_cost(
         tracks: the observations.
         dof: degrees of freedom of the Student-t kernel.
         scale: factor on the observations' standard deviations.
+        x_start: (3, N) where to start the latent points; their medians over the frames if None.
     """
     z = reference_coordinates(kind, T_world_joint, q, tracks.p_world)
     rotations, _ = joint_displacement(kind, q)
     information = _rotated(tracks.information_world, T_world_joint[:3, :3] @ rotations) / scale**2
-    x = _first_reference(z, tracks.observed)
+    x = _first_reference(z, tracks.observed) if x_start is None else x_start
     x, weighted, d2 = _best_reference(z, information, x, dof)
     total = weighted.sum(axis=0)[_PACKED].transpose(2, 0, 1)
     return TrackCost(
@@ -154,7 +161,7 @@ def _first_reference(z: Array, observed: NDArray[np.bool_]) -> Array:
 
 
 def _best_reference(
-    z: Array, information: Array, x: Array, dof: float, iterations: int = 12, tolerance: float = 1e-8
+    z: Array, information: Array, x: Array, dof: float, iterations: int = 20, tolerance: float = 1e-3
 ) -> tuple[Array, Array, Array]:
     """Minimise each point's robust cost over its reference; x, weighted information, d2."""
     for _ in range(iterations):
@@ -202,6 +209,23 @@ def track_normal_equations(kind: str, q: Array, cost: TrackCost) -> tuple[Array,
     ).reshape(-1, 7 + T)
     marginalised = Y[:, :-1].T @ Y
     return H - marginalised[:, :-1], g - marginalised[:, -1]
+
+
+def state_information(kind: str, cost: TrackCost) -> Array:
+    """(T,) information on each state when joint and latent points are held."""
+    step = np.einsum("ajn,j->an", _twist_jacobian(cost.x_joint), unit_twist(kind))
+    full = cost.information[:, _PACKED]
+    return np.einsum("an,tabn,bn->t", step, full, step)
+
+
+def _twist_jacobian(x_joint: Array) -> Array:
+    """G(x) = [ [x]x | -I ], (3, 6, N)."""
+    G = np.zeros((3, 6, x_joint.shape[1]))
+    x, y, z = x_joint
+    G[0, 1], G[0, 2], G[1, 0] = -z, y, z
+    G[1, 2], G[2, 0], G[2, 1] = -x, -y, x
+    G[[0, 1, 2], [3, 4, 5]] = -1.0
+    return G
 
 
 def _information_times_twist_jacobian(x_joint: Array, W: Array) -> Array:
@@ -260,8 +284,9 @@ def point_track_factor(
         q[free] = [values.atDouble(key) for key in keys]
         here = T_world_joint.tobytes() + q.tobytes()
         if here not in last:  # the optimiser asks for the error first, then for the Jacobian
+            x_start = next((cost.x_joint for cost in last.values()), None)
             last.clear()
-            last[here] = track_cost(kind, T_world_joint, q, tracks, dof, scale)
+            last[here] = track_cost(kind, T_world_joint, q, tracks, dof, scale, x_start)
         cost = last[here]
         if not want_jacobians:
             e = np.zeros(columns.size + 1)

@@ -12,8 +12,9 @@ class PriorConfig:
     """Proper priors: what the evidence of a kind is measured against."""
 
     hinge_distance_m: float = 0.3  # median distance of a hinge from the part's middle
-    hinge_distance_sigma_log: float = 0.6  # 95 % of hinges between 9 cm and 1 m
-    displacement_m: float = 0.3  # sd of a part's displacement in any one frame
+    handle_distance_m: float = 0.6  # the same for the path of one marker, which sits on a handle
+    hinge_distance_sigma_log: float = 0.6  # 95 % of hinges between a third and three times that
+    displacement_range_m: float = 1.0  # a frame's displacement is uniform over it: +-0.5 m
     kind_probability: dict[str, float] = field(
         default_factory=lambda: {"rigid": 1 / 3, "prismatic": 1 / 3, "revolute": 1 / 3}
     )

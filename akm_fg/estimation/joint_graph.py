@@ -14,8 +14,14 @@ from akm_fg.estimation.initial_guess import JointGuess
 from akm_fg.records import FloatArray
 from factors.gauge import GAUGE_NAMES, gauge_factor
 from factors.hinge_distance import hinge_distance_factor
+from factors.joint_motion import unit_twist
 from factors.orientation_track import log_so3, orientation_residual, orientation_track_factor
-from factors.point_track import TrackObservations, point_track_factor, track_cost
+from factors.point_track import (
+    TrackObservations,
+    point_track_factor,
+    state_information,
+    track_cost,
+)
 from factors.student_t import (
     covariance_factor,
     log_normaliser,
@@ -40,6 +46,8 @@ class Observations:
     tracks: TrackObservations
     R_world_part: FloatArray | None  # (T, 3, 3) measured orientations
     noise_known: bool  # whether the tracks' covariances are more than a nominal unit
+    min_scale: float = 0.0  # systematic errors of a path, in the tracks' standard deviations
+    visible_share: float = 1.0  # of the noise variance that residuals show, after slow errors
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,8 +69,37 @@ class KindFit:
     joint_directions: tuple[int, ...]  # tangent indices of T_world_joint that are not gauge
     scales: Scales
     log_likelihood: float  # normalised Student-t, at the best latent points and orientation
-    log_evidence: float
+    log_prior: float  # density of the joint alone, at the solution
+    log_frames: float  # what the frames say with their states marginalised, latent points held
+    log_det: float  # of the information on joint, reference and latent points, states marginalised
+    tau: float  # frames that count as one observation
     d2: FloatArray  # (T, N) squared errors in units of the *given* covariances
+    residual_joint: FloatArray  # (T, N, 3) metres, in the joint's axes
+    x_joint: FloatArray  # (3, N) latent reference points, joint frame
+    has_reference: bool  # whether orientations were seen
+    freedom: float  # share of the observations' numbers left after the fit
+
+    @property
+    def log_evidence(self) -> float:
+        """Laplace evidence, frames counted once every tau.
+
+        The marginal likelihood of joint, reference and latent points (states integrated out
+        frame by frame) to the power 1 / tau, times their prior, integrated by Laplace's method.
+        """
+        joint = len(self.joint_directions)
+        reference = 3 if self.has_reference else 0
+        fitted = joint + reference + 3 * self.x_joint.shape[1]
+        return (
+            self.log_frames / self.tau
+            + self.log_prior
+            + 0.5 * fitted * math.log(2 * math.pi * self.tau)
+            - 0.5 * self.log_det
+        )
+
+    @property
+    def squared_error_m2(self) -> FloatArray:
+        """(T, N) squared residuals."""
+        return (self.residual_joint**2).sum(axis=-1)
 
     @property
     def joint_cov(self) -> FloatArray:
@@ -95,10 +132,11 @@ def fit_rigid(observations: Observations, start: Scales, config: FitConfig) -> K
             break
     cost = track_cost("prismatic", identity, q, observations.tracks, config.dof, scales.track)
     log_likelihood = _log_likelihood(cost.d2, errors, scales, observations, config)
-    latent = 1.5 * cost.x_joint.shape[1] * math.log(2 * math.pi) - 0.5 * cost.log_det_latent
+    freedom = _freedom(0, observations)
+    log_det = cost.log_det_latent
     if errors is not None:
         w = weight((errors**2).sum(1) / scales.orientation_rad**2, config.dof, 3)
-        latent += 1.5 * math.log(2 * math.pi * scales.orientation_rad**2 / w.sum())
+        log_det += 3 * math.log(w.sum() / scales.orientation_rad**2)
     return KindFit(
         kind="rigid",
         T_world_joint=None,
@@ -107,9 +145,26 @@ def fit_rigid(observations: Observations, start: Scales, config: FitConfig) -> K
         joint_directions=(),
         scales=scales,
         log_likelihood=log_likelihood,
-        log_evidence=log_likelihood + latent,
+        log_prior=0.0,
+        log_frames=log_likelihood,
+        log_det=log_det,
+        tau=1.0,
         d2=cost.d2 * scales.track**2,
+        residual_joint=(cost.z_joint - cost.x_joint).swapaxes(1, 2),
+        x_joint=cost.x_joint,
+        has_reference=errors is not None,
+        freedom=freedom,
     )
+
+
+def guess_cost(
+    guess: JointGuess, observations: Observations, scales: Scales, config: FitConfig
+) -> float:
+    """How badly a start explains the tracks: the median squared error, so that few can spoil it."""
+    cost = track_cost(
+        guess.kind, guess.T_world_joint, guess.q, observations.tracks, config.dof, scales.track
+    )
+    return float(np.median(cost.d2[observations.tracks.observed]))
 
 
 def fit_kind(
@@ -134,9 +189,9 @@ def fit_kind(
         AxisUnobservable: the data leave a direction open.
     """
     values = _initial_values(guess, observations)
-    scales, graph = start, gtsam.NonlinearFactorGraph()
+    scales = _start_scales(guess, start, values, observations, config)
     for _ in range(config.scale_iterations):
-        graph = _graph(guess.kind, observations, values, centroid_world, lever_m, scales, config)
+        graph = _graph(guess.kind, observations, centroid_world, scales, config)
         graph.push_back(_gauge(guess.kind, values, centroid_world))
         values = _solve(graph, values)
         d2, errors = _evaluate(guess.kind, values, observations, scales, config)
@@ -162,6 +217,23 @@ def _initial_values(guess: JointGuess, observations: Observations) -> gtsam.Valu
     return values
 
 
+def _start_scales(
+    guess: JointGuess,
+    start: Scales,
+    values: gtsam.Values,
+    observations: Observations,
+    config: FitConfig,
+) -> Scales:
+    """`start`, or larger where the guess leaves larger errors: a kind that does not fit."""
+    d2, errors = _evaluate(guess.kind, values, observations, start, config)
+    # medians of chi-square with three degrees of freedom
+    track = start.track * math.sqrt(float(np.median(d2[observations.tracks.observed])) / 2.366)
+    orientation = start.orientation_rad
+    if errors is not None:
+        orientation = math.sqrt(float(np.median((errors**2).sum(axis=1))) / 2.366)
+    return Scales(max(track, start.track), max(orientation, start.orientation_rad))
+
+
 def _state_keys(T: int) -> list[int | None]:
     return [None, *(state_key(t) for t in range(1, T))]
 
@@ -169,9 +241,7 @@ def _state_keys(T: int) -> list[int | None]:
 def _graph(
     kind: str,
     observations: Observations,
-    values: gtsam.Values,
     centroid_world: FloatArray,
-    lever_m: float,
     scales: Scales,
     config: FitConfig,
 ) -> gtsam.NonlinearFactorGraph:
@@ -201,10 +271,6 @@ def _graph(
                 JOINT, centroid_world, prior.hinge_distance_m, prior.hinge_distance_sigma_log
             )
         )
-    sigma_q = state_prior_sigma(kind, values.atPose3(JOINT).matrix(), centroid_world, lever_m, config)
-    noise = gtsam.noiseModel.Isotropic.Sigma(1, sigma_q)
-    for t in range(1, T):
-        graph.push_back(gtsam.PriorFactorDouble(state_key(t), 0.0, noise))
     return graph
 
 
@@ -212,29 +278,30 @@ def _gauge(kind: str, values: gtsam.Values, centroid_world: FloatArray) -> gtsam
     return gauge_factor(kind, JOINT, values.atPose3(JOINT).rotation(), centroid_world)
 
 
-def state_prior_sigma(
+def log_state_prior(
     kind: str,
     T_world_joint: FloatArray,
     centroid_world: FloatArray,
     lever_m: float,
     config: FitConfig,
 ) -> float:
-    """Standard deviation of a state under the prior, in the state's unit.
+    """Log prior density of one state, per unit of the state.
 
-    The prior is on metres of displacement, so that it favours no kind: a radian counts as the
-    moving points' root mean square distance from the axis.
+    Flat on metres of displacement over the configured range, so that it pulls nowhere and favours
+    no kind: a radian counts as the moving points' root mean square distance from the axis.
     """
+    per_metre = -math.log(config.prior.displacement_range_m)
     if kind == "prismatic":
-        return config.prior.displacement_m
+        return per_metre
     c = T_world_joint[:3, :3].T @ (centroid_world - T_world_joint[:3, 3])
-    return config.prior.displacement_m / math.sqrt(c[0] ** 2 + c[1] ** 2 + lever_m**2)
+    return per_metre + 0.5 * math.log(c[0] ** 2 + c[1] ** 2 + lever_m**2)
 
 
 def _solve(graph: gtsam.NonlinearFactorGraph, values: gtsam.Values) -> gtsam.Values:
     parameters = gtsam.LevenbergMarquardtParams()
     parameters.setMaxIterations(30)
-    parameters.setRelativeErrorTol(1e-6)
-    parameters.setAbsoluteErrorTol(1e-6)
+    parameters.setRelativeErrorTol(1e-5)
+    parameters.setAbsoluteErrorTol(1e-3)
     parameters.setlambdaInitial(1e-5)
     return gtsam.LevenbergMarquardtOptimizer(graph, values, parameters).optimize()
 
@@ -323,7 +390,8 @@ def _new_scales(
         orientation *= math.sqrt(
             float((weight(e2, config.dof, 3) * e2).sum()) / (3 * e2.size * freedom)
         )
-    return Scales(scales.track * math.sqrt(max(factor, 1e-12)), max(orientation, 1e-5))
+    track2 = scales.track**2 * factor / observations.visible_share + observations.min_scale**2
+    return Scales(math.sqrt(max(track2, 1e-12)), max(orientation, 1e-5))
 
 
 def _log_likelihood(
@@ -358,7 +426,7 @@ def _posterior(
 ) -> KindFit:
     """Laplace approximation at the solution."""
     T = observations.tracks.observed.shape[0]
-    graph = _graph(kind, observations, values, centroid_world, lever_m, scales, config)
+    graph = _graph(kind, observations, centroid_world, scales, config)
     ordering = gtsam.Ordering()
     ordering.push_back(JOINT)
     if observations.R_world_part is not None:
@@ -376,8 +444,14 @@ def _posterior(
     R_ref = values.atRot3(REFERENCE).matrix() if values.exists(REFERENCE) else None
     errors = _orientation_errors(kind, pose, q, R_ref, observations)
     log_likelihood = _log_likelihood(cost.d2, errors, scales, observations, config)
-    latent = 1.5 * cost.x_joint.shape[1] * math.log(2 * math.pi) - 0.5 * cost.log_det_latent
-    occam = 0.5 * len(kept) * math.log(2 * math.pi) - 0.5 * log_det
+    held = state_information(kind, cost)[1:]
+    if errors is not None:
+        w = weight((errors**2).sum(1) / scales.orientation_rad**2, config.dof, 3)[1:]
+        held = held + w * np.sum(unit_twist(kind)[:3] ** 2) / scales.orientation_rad**2
+    flat = log_state_prior(kind, pose, centroid_world, lever_m, config)
+    log_frames = log_likelihood + float(
+        np.sum(flat + 0.5 * math.log(2 * math.pi) - 0.5 * np.log(held))
+    )
     freedom = _freedom(_parameters(kind, observations), observations)
     inflation = covariance_factor(
         cost.d2[observations.tracks.observed] / freedom, config.dof, 3
@@ -390,35 +464,29 @@ def _posterior(
         joint_directions=directions,
         scales=scales,
         log_likelihood=log_likelihood,
-        log_evidence=log_likelihood
-        + latent
-        + occam
-        + log_prior(kind, pose, q, centroid_world, lever_m, config),
+        log_prior=log_joint_prior(kind, pose, centroid_world, config),
+        log_frames=log_frames,
+        log_det=log_det + cost.log_det_latent - float(np.log(held).sum()),
+        tau=1.0,
         d2=cost.d2 * scales.track**2,
+        residual_joint=(cost.z_joint - cost.x_joint).swapaxes(1, 2),
+        x_joint=cost.x_joint,
+        has_reference=errors is not None,
+        freedom=freedom,
     )
 
 
-def log_prior(
-    kind: str,
-    T_world_joint: FloatArray,
-    q: FloatArray,
-    centroid_world: FloatArray,
-    lever_m: float,
-    config: FitConfig,
+def log_joint_prior(
+    kind: str, T_world_joint: FloatArray, centroid_world: FloatArray, config: FitConfig
 ) -> float:
-    """Log prior density over (axis direction, axis position, states) at a solution.
+    """Log prior density over axis direction and position at a solution.
 
     Axis uniform on the half sphere (its sign is a convention); hinge distance log-normal, hinge
-    bearing uniform; displacements of the frames Gaussian. The orientation reference's flat prior
-    is the same for every kind and left out.
+    bearing uniform. The flat priors of the orientation reference and of the latent points are
+    the same for every kind and left out.
     """
     prior = config.prior
-    sigma_q = state_prior_sigma(kind, T_world_joint, centroid_world, lever_m, config)
     total = -math.log(2 * math.pi)
-    total += float(
-        -0.5 * (q[1:] ** 2).sum() / sigma_q**2
-        - (q.size - 1) * math.log(sigma_q * math.sqrt(2 * math.pi))
-    )
     if kind == "revolute":
         c = T_world_joint[:3, :3].T @ (centroid_world - T_world_joint[:3, 3])
         rho = math.hypot(c[0], c[1])

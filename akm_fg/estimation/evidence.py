@@ -1,0 +1,102 @@
+"""From solved graphs to the probability of each kind, and whether any kind explains the data."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+from scipy import stats
+
+from akm_fg.estimation.config import FitConfig, PriorConfig
+from akm_fg.estimation.joint_graph import KindFit, Observations
+from akm_fg.estimation.rigid_motion import MIN_POINTS
+
+def correlation_frames(fit: KindFit, observations: Observations) -> tuple[float, float]:
+    """Integrated autocorrelation time of the residuals in frames, and their visible share.
+
+    Noise of neighbouring frames that errs together (a marker's bias, a drifting track) counts
+    once, not once a frame. The sum of the autocorrelations up to the first that is not positive
+    (Geyer, Practical Markov Chain Monte Carlo, 1992, sec. 3.3), averaged over tracks.
+
+    The fit hides the slowest errors: of a path's deviation the offset, the slope and the bend,
+    of a whole part's tracks their offsets. What is left shows only a share of variance and
+    correlation time (cf. Marriott and Pope, Bias in the estimation of autocorrelations, 1954).
+
+    Returns:
+        The time, at least one and corrected for what is hidden; the share of the variance that
+        the residuals show, between 1/3 and 1.
+    """
+    observed = observations.tracks.observed
+    if observed.shape[0] < 8:
+        return 1.0, 1.0
+    d = np.sqrt(np.maximum(fit.d2, 1e-300))
+    limit = 3 * np.median(d[observed])  # outliers are rejected, not averaged over
+    e = np.where(observed[..., None], fit.residual_joint, 0.0)
+    e = e * np.minimum(1.0, limit / np.maximum(d, 1e-12))[..., None]
+    variance = (e * e).sum() / observed.sum()
+    if variance <= 0:
+        return 1.0, 1.0
+    tau = 1.0
+    for lag in range(1, observed.shape[0] // 2):
+        pairs = int((observed[lag:] & observed[:-lag]).sum())
+        if pairs == 0:
+            break
+        rho = float((e[lag:] * e[:-lag]).sum() / pairs / variance)
+        if rho <= 0.05:
+            break
+        tau += 2 * rho
+    if tau == 1.0:
+        return 1.0, 1.0
+    hidden = 3 if observed.shape[1] < MIN_POINTS else 1
+    visible = max(1 - hidden * tau / observed.shape[0], 1 / 3)
+    return tau / visible, visible
+
+
+def temper(fit: KindFit, tau: float) -> KindFit:
+    """The fit with its frames counted once every `tau`; the solution stays."""
+    return replace(fit, cov=fit.cov * tau, tau=tau)
+
+
+def kind_probabilities(fits: list[KindFit], prior: PriorConfig) -> dict[str, float]:
+    """Posterior probability of every kind in the prior; zero for one that could not be fitted."""
+    log_p = {fit.kind: fit.log_evidence + math.log(prior.kind_probability[fit.kind]) for fit in fits}
+    top = max(log_p.values())
+    total = sum(math.exp(v - top) for v in log_p.values())
+    return {
+        kind: math.exp(log_p[kind] - top) / total if kind in log_p else 0.0
+        for kind in prior.kind_probability
+    }
+
+
+def is_parametric(
+    fit: KindFit,
+    observations: Observations,
+    local_scale: float,
+    travel_m: float,
+    tau: float,
+    config: FitConfig,
+) -> bool:
+    """Whether the fit's residuals are noise: a chi-square test, the worst tenth trimmed.
+
+    The noise is what can be seen without assuming a joint (`local_scale`), plus a systematic
+    part proportional to the travel: real parts flex and have play.
+    """
+    observed = observations.tracks.observed
+    e2 = fit.squared_error_m2[observed]
+    given = fit.squared_error_m2[observed] / np.maximum(fit.d2[observed], 1e-300)
+    sigma2 = given * local_scale**2 + (config.systematic_share * travel_m) ** 2
+    d2 = np.sort(e2 / sigma2)[: max(int(0.9 * e2.size), 1)]
+    # Of three error components the states and latent points absorb a share.
+    freedom = 3 * fit.freedom
+    trimmed_mean = _trimmed_chi2_mean(freedom)
+    independent = max(d2.size / tau, 2.0)
+    limit = stats.chi2.ppf(1 - config.parametric_p_value, independent * freedom)
+    return bool(d2.mean() / trimmed_mean <= limit / (independent * freedom))
+
+
+def _trimmed_chi2_mean(freedom: float) -> float:
+    """Mean of a chi-square variable below its 90 % quantile."""
+    q = stats.chi2.ppf(0.9, freedom)
+    return float(freedom * stats.chi2.cdf(q, freedom + 2) / 0.9)
+

@@ -1,0 +1,136 @@
+"""What the estimator returns: every number with its uncertainty. Conventions: docs/conventions.md."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Literal
+
+import numpy as np
+from scipy import integrate, optimize, special
+
+from akm_fg.records import FloatArray, JointKind
+
+NamedKind = Literal["rigid", "prismatic", "revolute", "undecided"]
+
+
+@dataclass(frozen=True, slots=True)
+class JointPosterior:
+    """A Gaussian on the tangent space of the joint frame, for one joint kind.
+
+    The true frame is T_world_joint * Exp(xi), xi ~ N(0, cov), xi in GTSAM order
+    (wx, wy, wz [rad], vx, vy, vz [m]); z is the joint axis. `gauge` names the directions that
+    no measurement can fix; they are held where they are and have zero covariance.
+    """
+
+    kind: JointKind
+    T_world_joint: FloatArray  # (4, 4)
+    cov: FloatArray  # (6, 6)
+    gauge: tuple[str, ...]
+
+    @property
+    def axis(self) -> FloatArray:
+        """(3,) unit vector; the state grows along it (right-hand rule)."""
+        return self.T_world_joint[:3, 2]
+
+    @property
+    def pivot(self) -> FloatArray | None:
+        """(3,) the point of the axis nearest to the moving points; None for prismatic."""
+        return self.T_world_joint[:3, 3] if self.kind == "revolute" else None
+
+    @property
+    def axis_sd_rad(self) -> float:
+        """Root mean square of the axis' standard deviations in its two directions."""
+        return float(np.sqrt(np.trace(self.cov[:2, :2]) / 2))
+
+    @property
+    def pivot_sd_m(self) -> float | None:
+        """The same of the pivot, across the axis; None for prismatic."""
+        if self.kind != "revolute":
+            return None
+        return float(np.sqrt(np.trace(self.cov[3:5, 3:5]) / 2))
+
+    def axis_bound_rad(self, level: float = 0.95) -> float:
+        """Angle between true and estimated axis that is not exceeded with this probability."""
+        return radius_quantile(self.cov[:2, :2], level)
+
+    def pivot_bound_m(self, level: float = 0.95) -> float | None:
+        """Distance of the true axis line from the pivot, not exceeded with this probability."""
+        return radius_quantile(self.cov[3:5, 3:5], level) if self.kind == "revolute" else None
+
+
+@dataclass(frozen=True, slots=True)
+class StatePosterior:
+    """Joint states per frame, relative to frame 0, where the state is zero by definition."""
+
+    unit: Literal["m", "rad"]
+    mean: FloatArray  # (T,); NaN where the part was not seen
+    sd: FloatArray  # (T,)
+
+
+@dataclass(frozen=True, slots=True)
+class KindPosterior:
+    """One kind's own fit."""
+
+    joint: JointPosterior | None  # None for rigid
+    states: StatePosterior | None
+    log_evidence: float
+
+
+@dataclass(frozen=True, slots=True)
+class FitReport:
+    """How the fit went."""
+
+    log_evidence: float
+    tracks_used: int
+    tracks_rejected: int
+    rms_m: float  # of the inliers' residuals
+    noise_scale: float  # estimated over assumed noise; metres where no noise was given
+    correlation_frames: float  # integrated autocorrelation time of the residuals
+    parametric: bool  # False when no kind explains the data
+    warnings: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class ArticulationPosterior:
+    """The answer: a probability for each kind, and for each kind joint and states."""
+
+    name: str
+    kind: NamedKind
+    kind_probability: dict[str, float]
+    alternatives: dict[str, KindPosterior]  # every kind that could be fitted
+    fit: FitReport
+    time_s: dict[str, float] = field(default_factory=dict)
+
+    @property
+    def best(self) -> KindPosterior:
+        """The most probable kind's fit, also where the kind is undecided."""
+        return self.alternatives[max(self.kind_probability, key=self.kind_probability.__getitem__)]
+
+
+def radius_quantile(cov: FloatArray, level: float) -> float:
+    """Radius r with P(|x| <= r) = level for x ~ N(0, cov), cov (2, 2).
+
+    The radial distribution of a bivariate normal is Hoyt's (1947): integrate the chi-square of
+    each bearing, P(|x| <= r) = 1/(2 pi) int [1 - exp(-r^2 / (2 v(phi)))] dphi over the
+    whitened bearing phi with v(phi) = a cos^2 + b sin^2 and a, b the principal variances.
+    """
+    small, large = np.maximum(np.linalg.eigvalsh(cov), 0.0)
+    if large <= 0:
+        return 0.0
+
+    def miss(r: float) -> float:
+        def density(phi: float) -> float:
+            v = large * np.cos(phi) ** 2 + small * np.sin(phi) ** 2
+            return float(np.exp(-0.5 * r**2 / max(v, 1e-12 * large)))
+
+        return integrate.quad(density, 0, np.pi / 2)[0] / (np.pi / 2) - (1 - level)
+
+    # Bounds: the one-dimensional and the circular case, in standard deviations.
+    low = 0.5 * np.sqrt(large)
+    high = 1.01 * np.sqrt(2 * large * -np.log(1 - level))
+    return float(optimize.brentq(miss, low, high))
+
+
+def normal_bound(level: float = 0.95) -> float:
+    """Standard deviations on either side of a mean that hold this probability."""
+    return float(special.ndtri(0.5 + level / 2))
