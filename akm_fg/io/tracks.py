@@ -98,7 +98,7 @@ def _from_cov(path: Path, array: NDArray[Any], seen: NDArray[np.bool_]) -> Float
         raise InputError(path, f"`cov` has shape {cov.shape}", f"{(*seen.shape, 3, 3)}")
     where = np.argwhere(seen)
     c = cov[seen]
-    finite = np.isfinite(c).all(axis=(1, 2))
+    finite = np.asarray(np.isfinite(c).all(axis=(1, 2)))
     c = np.where(finite[:, None, None], c, np.eye(3))
     scale = np.abs(c).max(axis=(1, 2))
     skew = np.abs(c - c.transpose(0, 2, 1)).max(axis=(1, 2))

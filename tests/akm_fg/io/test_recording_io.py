@@ -213,7 +213,7 @@ SHEARED = np.eye(4) + 0.01 * np.eye(4, k=1)
         ({"stamps_s": [0, None, 1]}, "`stamps_s` holds other things than numbers"),
         ({"stamps_s": [0]}, "lists 1 frame; expected at least 2 frames"),
         ({"stamps_s": []}, "lists 0 frames"),
-        ({"stamps_s": [0, 1, 2, 3], "T_world_gripper": None}, "000003.png: is missing (`stamps_s` lists 4 frames"),
+        ({"stamps_s": [0, 1, 2, 3], "T_world_gripper": None}, "000003.png: is missing (`stamps_s`"),
         ({"T_world_gripper": [np.eye(4).tolist()]}, "`T_world_gripper` is 1x4x4"),
         ({"T_world_gripper": [SHEARED.tolist()] * 3}, "`T_world_gripper[0]` is not a rotation"),
         ({"grasp_frames": [0, 3]}, "`grasp_frames` is [0, 3]"),

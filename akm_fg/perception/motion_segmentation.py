@@ -1,0 +1,282 @@
+"""Which tracks moved with the part, which rested, and whether anything moved at all.
+
+The paper clusters displacement features (Eq. 3) in two by spectral clustering, which always
+finds two clusters and puts the points near a hinge on the wrong side. Here the noise is known:
+
+1. a chi-square test finds tracks that moved more than their noise; too few: nothing moved;
+2. spectral clustering of displacement differences, in units of their noise, finds a seed
+   cluster that moved together;
+3. one rigid motion per frame is fitted to the seed, robustly;
+4. each track is judged by how well rest and that motion explain it. What neither explains
+   (drift, shadows) is dropped; what both explain (near the hinge, or too short) stays open.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import expit
+from scipy.stats import chi2
+from sklearn.cluster import SpectralClustering
+
+from akm_fg.errors import NoMotionObserved, TracksLost
+from akm_fg.estimation.rigid_motion import RigidMotion, free_rigid_motion
+from akm_fg.records import BoolArray, FloatArray, PointTracks
+
+
+@dataclass(frozen=True, slots=True)
+class MotionSegmentationConfig:
+    """Tests and clusters."""
+
+    systematic_m: float = 0.0015  # error that is not in the covariances, each axis: calibration
+    min_observations: int = 3  # fewer say nothing about motion
+    false_alarm: float = 1e-4  # of one track's chi-square test: none in a clip of 1000 resting
+    min_moving: int = 6  # tracks; a rigid motion takes three, and three must confirm it
+    min_motion_m: float = 0.004  # rms displacement of the part: below, calibration drift can do it
+    spectral_tracks: int = 250  # eigenvectors cost the cube of this
+    neighbours: int = 7  # sets the local scale of affinities (Zelnik-Manor, Perona, 2004)
+    outlier_sigmas: float = 5.0  # a residual counts no more than this
+    max_per_freedom: float = 2.5  # chi-square per degree of freedom of a track that is explained
+    max_noise_scale: float = 3.0  # how much worse than claimed the noise may turn out to be
+    min_log_ratio: float = 5.0  # natural log of the likelihood ratio that decides a track
+
+
+@dataclass(frozen=True, slots=True)
+class MotionSegmentation:
+    """What moved. Tracks that are neither moving nor static are open or outliers."""
+
+    moving: BoolArray  # (N,) with the part
+    static: BoolArray  # (N,)
+    rejected: BoolArray  # (N,) explained neither by rest nor by the part's motion
+    p_nothing_moved: float  # from the approximate (BIC) evidence of rest and of one rigid motion
+    motion_m: float  # rms displacement of the moving tracks from their mean; 0 if none
+    noise_scale: float  # standard deviations found, in units of those claimed; at least 1
+
+    def require_motion(self) -> None:
+        """Go on only if something moved.
+
+        Raises:
+            NoMotionObserved: nothing moved beyond the noise.
+        """
+        if not self.moving.any():
+            n = int(self.static.sum())
+            raise NoMotionObserved(
+                f"nothing moved beyond the noise ({n} of {len(self.static)} tracks rest, "
+                f"probability that nothing moved {self.p_nothing_moved:.3f})"
+            )
+
+
+@dataclass(frozen=True, slots=True)
+class _Fit:
+    """How well one motion explains N tracks."""
+
+    cost: FloatArray  # (N,) chi-square with capped residuals
+    freedom: FloatArray  # (N,) degrees of freedom; 0 where there is nothing to judge
+
+    def per_freedom(self) -> FloatArray:
+        """(N,) cost per degree of freedom; infinite where there is nothing to judge."""
+        return np.where(self.freedom > 0, self.cost / np.maximum(self.freedom, 1), np.inf)
+
+
+def _explain(
+    p: FloatArray, info: FloatArray, use: BoolArray, R: FloatArray, t: FloatArray, cap: float
+) -> _Fit:
+    """Judge points (T, N, 3) by the motion R, t (T, ...) of a latent shape.
+
+    The shape is the mean of the points taken back, re-weighted twice against outliers.
+    """
+    back = np.einsum("tji,tnj->tni", R, p - t[:, None])
+    info_back = np.einsum("tji,tnjk,tkl->tnil", R, info, R)
+    w = use.astype(float)
+    d2 = np.zeros(w.shape)
+    for _ in range(3):
+        total = np.einsum("tn,tnij->nij", w, info_back) + 1e-9 * np.eye(3)
+        pull = np.einsum("tn,tnij,tnj->ni", w, info_back, back)
+        shape = np.linalg.solve(total, pull[..., None])[..., 0]
+        e = back - shape
+        d2 = np.einsum("tni,tnij,tnj->tn", e, info_back, e)
+        w = use * np.minimum(1.0, cap / np.maximum(np.sqrt(d2), 1e-12))
+    cost = np.where(use, np.minimum(d2, cap**2), 0.0).sum(axis=0)
+    return _Fit(cost, np.maximum(3.0 * (use.sum(axis=0) - 1), 0.0))
+
+
+def segment_motion(
+    tracks: PointTracks,
+    config: MotionSegmentationConfig | None = None,
+    rng: np.random.Generator | None = None,
+) -> MotionSegmentation:
+    """Tell the moving part's tracks from those at rest.
+
+    Args:
+        tracks: T frames, N points with their covariances; gaps and late starts are fine.
+        config: tuning.
+        rng: draws subsets and minimal sets; a fixed one if not given.
+
+    Raises:
+        TracksLost: fewer than three tracks are seen often enough.
+    """
+    config = config or MotionSegmentationConfig()
+    rng = rng or np.random.default_rng(0)
+    observed = tracks.observed
+    judged = observed.sum(axis=0) >= config.min_observations
+    if judged.sum() < 3:
+        raise TracksLost(
+            f"only {int(judged.sum())} of {len(judged)} tracks are seen in "
+            f"{config.min_observations} frames or more; at least 3 are needed"
+        )
+    p = np.where(observed[..., None], tracks.p_world, 0.0)
+    cov = np.where(observed[..., None, None], tracks.cov_world, np.eye(3))
+    info = np.asarray(np.linalg.inv(cov + config.systematic_m**2 * np.eye(3)), dtype=np.float64)
+    T = len(p)
+    use = observed & judged
+    rest = _explain(p, info, use, np.tile(np.eye(3), (T, 1, 1)), np.zeros((T, 3)),
+                    config.outlier_sigmas)  # fmt: skip
+    significant = judged & (rest.cost > chi2.isf(config.false_alarm, np.maximum(rest.freedom, 1)))
+    motion = None
+    if significant.sum() >= config.min_moving:
+        motion = _fit_motion(tracks, p, info, significant, judged, config, rng)
+    if motion is None:
+        return _nothing_moved(rest, judged, 1.0, config)
+    known = motion.known[:, None] & use
+    R, t = motion.R_world, motion.t_world
+    moved = _explain(p, info, known, R, t, config.outlier_sigmas)
+    rest_known = _explain(p, info, known, np.tile(np.eye(3), (T, 1, 1)), np.zeros((T, 3)),
+                          config.outlier_sigmas)  # fmt: skip
+    return _decide(tracks, rest, rest_known, moved, judged, int(motion.known.sum()), config)
+
+
+def _noise_scale(per_freedom: FloatArray, judged: BoolArray, limit: float) -> float:
+    middle = float(np.median(per_freedom[judged & np.isfinite(per_freedom)]))
+    return float(np.sqrt(np.clip(middle, 1.0, limit**2)))
+
+
+def _nothing_moved(
+    rest: _Fit, judged: BoolArray, p: float, config: MotionSegmentationConfig
+) -> MotionSegmentation:
+    per_freedom = rest.per_freedom()
+    scale = _noise_scale(per_freedom, judged, config.max_noise_scale)
+    static = judged & (per_freedom < config.max_per_freedom * scale**2)
+    none = np.zeros(len(judged), dtype=bool)
+    return MotionSegmentation(none, static, judged & ~static, p, 0.0, scale)
+
+
+def _decide(
+    tracks: PointTracks,
+    rest: _Fit,
+    rest_known: _Fit,
+    moved: _Fit,
+    judged: BoolArray,
+    frames_known: int,
+    config: MotionSegmentationConfig,
+) -> MotionSegmentation:
+    """Assign each track, and weigh motion against rest."""
+    best = np.minimum(rest_known.per_freedom(), moved.per_freedom())
+    scale = _noise_scale(best, judged, config.max_noise_scale)
+    limit = config.max_per_freedom * scale**2
+    log_ratio = (rest_known.cost - moved.cost) / (2 * scale**2)
+    explained_moving = judged & (moved.per_freedom() < limit)
+    explained_static = judged & (rest.per_freedom() < limit)
+    moving = explained_moving & (log_ratio > config.min_log_ratio)
+    static = explained_static & (log_ratio < -config.min_log_ratio) & ~moving
+    observations = 3 * float((tracks.observed & judged).sum())
+    penalty = 0.5 * 6 * max(frames_known - 1, 1) * np.log(max(observations, 2.0))
+    p_rest = float(expit(penalty - float(log_ratio[moving].sum())))
+    motion_m = _rms_displacement(tracks.select(moving))
+    if moving.sum() < config.min_moving or motion_m < config.min_motion_m or p_rest > 0.5:
+        return _nothing_moved(rest, judged, max(p_rest, 0.5), config)
+    rejected = judged & ~explained_moving & ~explained_static
+    return MotionSegmentation(moving, static, rejected, p_rest, motion_m, scale)
+
+
+def _rms_displacement(tracks: PointTracks) -> float:
+    observed = tracks.observed
+    if not observed.any():
+        return 0.0
+    p = np.where(observed[..., None], tracks.p_world, 0.0)
+    n = np.maximum(observed.sum(axis=0), 1)
+    e = np.where(observed[..., None], p - p.sum(axis=0) / n[:, None], 0.0)
+    return float(np.sqrt((e**2).sum() / observed.sum()))
+
+
+def _fit_motion(
+    tracks: PointTracks,
+    p: FloatArray,
+    info: FloatArray,
+    significant: BoolArray,
+    judged: BoolArray,
+    config: MotionSegmentationConfig,
+    rng: np.random.Generator,
+) -> RigidMotion | None:
+    """The rigid motion of the cluster that moved most, refitted to all tracks it explains."""
+    seed = _seed_cluster(tracks, p, significant, config, rng)
+    T = len(p)
+    for _ in range(2):
+        if len(seed) < config.min_moving:
+            return None
+        motion = free_rigid_motion(tracks.select(seed), rng)
+        if motion.known.sum() < 2:
+            return None
+        use = tracks.observed & judged & motion.known[:, None]
+        cap = config.outlier_sigmas
+        moved = _explain(p, info, use, motion.R_world, motion.t_world, cap)
+        rest = _explain(p, info, use, np.tile(np.eye(3), (T, 1, 1)), np.zeros((T, 3)), cap)
+        scale2 = config.max_noise_scale**2
+        fits = moved.per_freedom() < config.max_per_freedom * scale2
+        better = rest.cost - moved.cost > 2 * config.min_log_ratio
+        seed = np.flatnonzero(significant & fits & better)
+    return motion if len(seed) >= config.min_moving else None
+
+
+def _seed_cluster(
+    tracks: PointTracks,
+    p: FloatArray,
+    significant: BoolArray,
+    config: MotionSegmentationConfig,
+    rng: np.random.Generator,
+) -> NDArray[np.int_]:
+    """Indices of tracks that moved, and moved alike (paper, Eq. 3, in units of the noise)."""
+    observed = tracks.observed
+    index = np.flatnonzero(significant)
+    if len(index) > config.spectral_tracks:
+        index = np.sort(rng.choice(index, config.spectral_tracks, replace=False))
+    if len(index) < 2 * config.min_moving:
+        return index
+    difference = _displacement_difference(p[:, index], observed[:, index], tracks, index, config)
+    k = min(config.neighbours, len(index) - 1)
+    local = np.maximum(np.sort(difference, axis=1)[:, k], 1.0)
+    affinity = np.exp(-(difference**2) / (local[:, None] * local[None]))
+    labels = SpectralClustering(
+        2, affinity="precomputed", assign_labels="cluster_qr", random_state=0
+    ).fit_predict(affinity + 1e-6)
+    sizes = [int((labels == k).sum()) for k in (0, 1)]
+    alike = [float(np.median(difference[np.ix_(labels == k, labels == k)])) for k in (0, 1)]
+    # The larger cluster is the part, unless it is a heap of tracks that moved each on its own.
+    order = sorted((0, 1), key=lambda k: (-sizes[k] / (1 + alike[k]), k))
+    return index[labels == order[0]]
+
+
+def _displacement_difference(
+    p: FloatArray,
+    observed: BoolArray,
+    tracks: PointTracks,
+    index: NDArray[np.int_],
+    config: MotionSegmentationConfig,
+) -> FloatArray:
+    """(n, n) rms change of the offset between two tracks, in standard deviations.
+
+    Over the frames that see both; pairs with fewer than two such frames get the largest value.
+    """
+    M = observed.T.astype(float)
+    count = M @ M.T
+    x = p.transpose(1, 0, 2) * M[..., None]
+    square = (x**2).sum(axis=2)
+    sum_square = square @ M.T + M @ square.T - 2 * np.einsum("itk,jtk->ij", x, x)
+    sums = np.einsum("itk,jt->ijk", x, M) - np.einsum("it,jtk->ijk", M, x)
+    n = np.maximum(count, 1)
+    variance = np.maximum(sum_square / n - ((sums / n[..., None]) ** 2).sum(axis=2), 0)
+    trace = np.trace(tracks.cov_world[:, index], axis1=2, axis2=3)
+    noise = np.nanmean(np.where(observed, trace, np.nan), axis=0) + 3 * config.systematic_m**2
+    difference = np.sqrt(variance / (noise[:, None] + noise[None]))
+    return np.where(count >= 2, difference, difference.max())

@@ -1,0 +1,149 @@
+"""Chooses which pixels of the object to follow, and new ones where old ones are gone."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from akm_fg.interfaces import PointTracker
+from akm_fg.records import BoolArray, FloatArray, PixelTracks, RgbdFrame
+
+SOBEL_GAIN = 8.0  # of the 3 x 3 operator: gray levels a pixel
+CORNER_WINDOW_PX = 7
+RESEED_CELLS = 1.5  # seeds of neighbouring cells are up to two cells apart: no hole between them
+
+
+@dataclass(frozen=True, slots=True)
+class SeedingConfig:
+    """How many seeds, and where not."""
+
+    number: int = 300  # on the object in the first frame; the paper follows 1000
+    min_spacing_px: float = 5.0  # closer points share most of their patch
+    edge_margin_px: int = 5  # from a depth edge: a patch there holds two surfaces
+    edge_m: float = 0.02  # depth step that counts as an edge
+    min_corner: float = 1.0  # smaller eigenvalue of the mean gradient tensor, (gray levels / px)^2
+    min_frames_left: int = 3  # a track that starts later says nothing about motion
+
+
+def _seedable(frame: RgbdFrame, mask: BoolArray, config: SeedingConfig) -> BoolArray:
+    """(H, W) where the object has depth and no depth edge is near."""
+    known = np.isfinite(frame.depth_m)
+    kernel = np.ones((3, 3), np.uint8)
+    far = np.float32(1e3)  # beyond every reading: holes neither raise nor lower their neighbours
+    high = cv2.dilate(np.where(known, frame.depth_m, -far), kernel)
+    low = cv2.erode(np.where(known, frame.depth_m, far), kernel)
+    edge = (high - low > config.edge_m) & (np.abs(high) < far) & (np.abs(low) < far)
+    wide = np.ones((2 * config.edge_margin_px + 1,) * 2, np.uint8)
+    near_edge = cv2.dilate((edge | ~mask).astype(np.uint8), wide) > 0
+    return np.asarray(mask & known & ~near_edge)
+
+
+def seed_points(
+    frame: RgbdFrame,
+    mask: BoolArray,
+    rng: np.random.Generator,
+    config: SeedingConfig | None = None,
+    taken_uv: FloatArray | None = None,
+) -> FloatArray:
+    """Pixels (N, 2) spread over the object, one a cell of a grid.
+
+    In each cell the best corner is taken; a cell without one gives its pixel nearest to the
+    middle. Pixels within RESEED_CELLS cells of one of `taken_uv` are left out.
+
+    Args:
+        frame: where to seed.
+        mask: (H, W) True on the object.
+        rng: shifts the grid.
+        config: number and distances.
+        taken_uv: (M, 2) pixels that are followed already.
+    """
+    config = config or SeedingConfig()
+    free = _seedable(frame, mask, config)
+    if not free.any():
+        return np.empty((0, 2))
+    cell = max(config.min_spacing_px, float(np.sqrt(free.sum() / config.number)))
+    shift = rng.uniform(0, cell, 2)
+    columns = int(frame.camera.width / cell) + 2
+    if taken_uv is not None and len(taken_uv):
+        free &= _distance_to(taken_uv, free.shape) > RESEED_CELLS * cell
+        if not free.any():
+            return np.empty((0, 2))
+    v, u = np.nonzero(free)
+    cells = _cells(np.stack([u, v], axis=-1), shift, cell, columns)
+    gray = cv2.cvtColor(frame.rgb, cv2.COLOR_RGB2GRAY)
+    slope = np.asarray(gray, dtype=np.float32) / SOBEL_GAIN
+    corner = np.asarray(cv2.cornerMinEigenVal(slope, CORNER_WINDOW_PX))[v, u]
+    middle = np.abs(((np.stack([u, v], axis=-1) + shift) / cell) % 1 - 0.5).max(axis=1)
+    score = np.where(corner > config.min_corner, 1 + corner / config.min_corner, 0.5 - middle)
+    order = np.lexsort((-score, cells))
+    first = np.unique(cells[order], return_index=True)[1]
+    best = order[first]
+    return np.stack([u[best], v[best]], axis=-1).astype(np.float64)
+
+
+def _distance_to(uv: FloatArray, size: tuple[int, ...]) -> NDArray[np.float32]:
+    """(H, W) distance of every pixel to the nearest of the pixels (M, 2)."""
+    whole = np.rint(uv[np.isfinite(uv).all(axis=1)]).astype(int)
+    elsewhere = np.ones(size, np.uint8)
+    inside = (whole >= 0).all(axis=1) & (whole[:, 0] < size[1]) & (whole[:, 1] < size[0])
+    elsewhere[whole[inside, 1], whole[inside, 0]] = 0
+    return np.asarray(cv2.distanceTransform(elsewhere, cv2.DIST_L2, 5), dtype=np.float32)
+
+
+def _cells(uv: NDArray[np.int_], shift: FloatArray, cell: float, columns: int) -> NDArray[np.int_]:
+    """Number (N,) of the grid cell of pixels (N, 2)."""
+    index = np.floor((uv + shift) / cell).astype(int)
+    return np.asarray(index[:, 1] * (columns + 1) + index[:, 0])
+
+
+def track_object(
+    frames: Sequence[RgbdFrame],
+    masks: Mapping[int, BoolArray],
+    tracker: PointTracker,
+    rng: np.random.Generator,
+    config: SeedingConfig | None = None,
+) -> PixelTracks:
+    """Follow the object through a clip, with new seeds where it is not covered.
+
+    Args:
+        frames: the clip.
+        masks: the object (H, W) by frame number; seeds are set in these frames. The first of
+            them seeds the whole object, each later one what no track covers there.
+        tracker: the backend.
+        rng: shifts the grids.
+        config: number and distances.
+
+    Raises:
+        ValueError: no mask, or one of a frame that is not there.
+    """
+    config = config or SeedingConfig()
+    if not masks or min(masks) < 0 or max(masks) >= len(frames):
+        raise ValueError(f"masks for frames {sorted(masks)}, expected some of 0..{len(frames) - 1}")
+    times = sorted(masks)
+    first = times[0]
+    seeds = seed_points(frames[first], masks[first], rng, config)
+    tracks = tracker.track(frames, seeds, [first] * len(seeds))
+    later: list[tuple[int, FloatArray]] = []
+    for t in times[1:]:
+        if len(frames) - t < config.min_frames_left:
+            break
+        taken = np.concatenate([tracks.uv[t][tracks.visible[t]], *(uv for _, uv in later)])
+        uv = seed_points(frames[t], masks[t], rng, config, taken)
+        if len(uv):
+            later.append((t, uv))
+    if not later:
+        return tracks
+    more = tracker.track(
+        frames,
+        np.concatenate([uv for _, uv in later]),
+        [t for t, uv in later for _ in range(len(uv))],
+    )
+    return PixelTracks(
+        np.concatenate([tracks.uv, more.uv], axis=1),
+        np.concatenate([tracks.visible, more.visible], axis=1),
+        np.concatenate([tracks.sigma_px, more.sigma_px], axis=1),
+    )
