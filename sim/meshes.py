@@ -1,0 +1,129 @@
+"""Boxes, their inertia, and textured meshes with box-projected texture coordinates."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import gtsam
+import numpy as np
+
+from akm_fg.records import FloatArray
+from sim.textures import TILE_M
+
+
+@dataclass(frozen=True, slots=True)
+class Box:
+    """A box of a link."""
+
+    name: str
+    size_m: FloatArray  # (3,)
+    T_link_box: gtsam.Pose3
+    material: str
+
+
+# For each side: its normal axis, its sign, and the box axes that texture u and v run along.
+_SIDES = (
+    (0, 1, 1, 2),
+    (0, -1, 1, 2),
+    (1, 1, 0, 2),
+    (1, -1, 0, 2),
+    (2, 1, 0, 1),
+    (2, -1, 0, 1),
+)
+
+
+def box_faces(box: Box) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Corners (6, 4, 3), texture coordinates (6, 4, 2) and normals (6, 3) in the link frame.
+
+    Texture coordinates are the corner's position along the side's two axes over TILE_M, so that
+    the boards of one link share one continuous texture. They are positive, as TinyRenderer
+    wraps only positive ones. A bar along z gets its grain along z.
+    """
+    corners, uvs, normals = [], [], []
+    R, t = box.T_link_box.rotation().matrix(), box.T_link_box.translation()
+    for axis, sign, a, b in _SIDES:
+        ring = np.zeros((4, 3))
+        ring[:, axis] = sign * box.size_m[axis] / 2.0
+        ring[:, a] = np.array([-1, 1, 1, -1]) * box.size_m[a] / 2.0
+        ring[:, b] = np.array([-1, -1, 1, 1]) * box.size_m[b] / 2.0
+        normal = np.zeros(3)
+        normal[axis] = sign
+        if np.dot(np.cross(ring[1] - ring[0], ring[2] - ring[1]), normal) < 0:
+            ring = ring[::-1]
+        p_link = ring @ R.T + t
+        u_axis, v_axis = np.abs(R[:, a]).argmax(), np.abs(R[:, b]).argmax()
+        uv = np.stack([p_link[:, u_axis], p_link[:, v_axis]], axis=-1)
+        corners.append(p_link)
+        uvs.append(uv / TILE_M + 1.0)
+        normals.append(R @ normal)
+    return np.array(corners), np.array(uvs), np.array(normals)
+
+
+def write_textured_boxes(path: Path, boxes: Sequence[Box], texture: str, split_m: float) -> None:
+    """Writes an OBJ of boxes and its MTL, with sides cut into cells of at most `split_m`.
+
+    Cutting keeps the renderer's triangles small, so that its lighting and clipping stay exact.
+
+    Args:
+        path: the OBJ file; the MTL goes beside it.
+        boxes: the boxes, in the link frame, metres.
+        texture: file name of the texture in the same folder.
+        split_m: largest side of a cell, metres.
+    """
+    lines = [f"mtllib {path.stem}.mtl", "usemtl surface"]
+    count = 0
+    for box in boxes:
+        for ring, uv, normal in zip(*box_faces(box), strict=True):
+            lines += _side_lines(ring, uv, normal, count, split_m)
+            count = sum(line.startswith("v ") for line in lines)
+    path.write_text("\n".join(lines) + "\n", encoding="utf-8")
+    path.with_suffix(".mtl").write_text(
+        f"newmtl surface\nKa 1 1 1\nKd 1 1 1\nKs 0 0 0\nmap_Kd {texture}\n", encoding="utf-8"
+    )
+
+
+def _side_lines(
+    ring: FloatArray, uv: FloatArray, normal: FloatArray, first: int, split_m: float
+) -> list[str]:
+    """OBJ lines of one rectangular side; vertices are numbered after `first`."""
+    n = max(1, int(np.ceil(np.linalg.norm(ring[1] - ring[0]) / split_m)))
+    m = max(1, int(np.ceil(np.linalg.norm(ring[3] - ring[0]) / split_m)))
+    a, b = np.meshgrid(np.linspace(0, 1, n + 1), np.linspace(0, 1, m + 1), indexing="ij")
+    a, b = a.reshape(-1, 1), b.reshape(-1, 1)
+    grid = ring[0] + a * (ring[1] - ring[0]) + b * (ring[3] - ring[0])
+    grid_uv = uv[0] + a * (uv[1] - uv[0]) + b * (uv[3] - uv[0])
+    lines = []
+    for p, t in zip(grid, grid_uv, strict=True):
+        lines.append(f"v {p[0]:.6f} {p[1]:.6f} {p[2]:.6f}")
+        lines.append(f"vt {t[0]:.6f} {t[1]:.6f}")
+        lines.append(f"vn {normal[0]:.4f} {normal[1]:.4f} {normal[2]:.4f}")
+    for i in range(n):
+        for j in range(m):
+            k = first + i * (m + 1) + j + 1
+            quad = (k, k + m + 1, k + m + 2, k + 1)
+            for c in ((0, 1, 2), (0, 2, 3)):
+                lines.append("f " + " ".join(f"{quad[x]}/{quad[x]}/{quad[x]}" for x in c))
+    return lines
+
+
+def inertia_of_boxes(
+    boxes: Sequence[Box], mass_kg: float
+) -> tuple[FloatArray, FloatArray]:
+    """Centre of mass (3,) and inertia (3, 3) about it, kg m^2, both in the link frame.
+
+    The boxes share `mass_kg` by volume.
+    """
+    volumes = np.array([np.prod(box.size_m) for box in boxes])
+    masses = mass_kg * volumes / volumes.sum()
+    centres = np.array([box.T_link_box.translation() for box in boxes])
+    com = masses @ centres / mass_kg
+    inertia = np.zeros((3, 3))
+    for m, c, box in zip(masses, centres, boxes, strict=True):
+        s2 = box.size_m**2
+        R = box.T_link_box.rotation().matrix()
+        inertia += R @ np.diag(m / 12.0 * (s2.sum() - s2)) @ R.T
+        r = c - com
+        inertia += m * (r @ r * np.eye(3) - np.outer(r, r))
+    return com, inertia

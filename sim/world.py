@@ -1,0 +1,189 @@
+"""One PyBullet world in DIRECT mode: floor, wall, one cabinet, one Franka."""
+
+from __future__ import annotations
+
+import tempfile
+from dataclasses import dataclass
+from pathlib import Path
+from types import TracebackType
+
+import cv2
+import gtsam
+import numpy as np
+
+from akm_fg.records import JointTruth
+from sim.bullet import PANDA_URDF, joint_index, load_urdf, p, quiet
+from sim.kinematics import N_ARM, Q_HOME, FrankaKinematics
+from sim.meshes import Box, write_textured_boxes
+from sim.objects import PART_JOINT, build_object, sample_object
+from sim.placement import Placement, place
+from sim.textures import floor, plaster
+
+
+@dataclass(frozen=True, slots=True)
+class WorldConfig:
+    """Physics and contact."""
+
+    step_s: float = 1e-3  # the rate of Franka's control interface; stiff grasps need it
+    gravity_m_s2: float = 9.81
+    solver_iterations: int = 60  # friction of a squeezed handle converges by then
+    finger_mu: float = 1.0  # rubber pads on metal or lacquer
+    finger_spin_m: float = 0.005  # torsional friction, 2/3 mu r of a pad of 8 mm radius
+
+
+class SimWorld:
+    """The physics of one object and one robot. A context manager; deterministic by seed.
+
+    World frame: the robot's base, z up.
+    """
+
+    def __init__(self, object_name: str, seed: int, config: WorldConfig | None = None) -> None:
+        self.spec = sample_object(object_name, seed)
+        self.config = config or WorldConfig()
+        self.kinematics = FrankaKinematics()
+        self._steps = 0
+        self._entered = False
+
+    def __enter__(self) -> SimWorld:
+        self._folder = tempfile.TemporaryDirectory(prefix="akm-fg-sim-")
+        folder = Path(self._folder.name)
+        self.built = build_object(self.spec, folder)
+        self.placement: Placement = place(self.built, self.kinematics)
+        with quiet():
+            self.client = int(p.connect(p.DIRECT))
+        self._entered = True
+        self._set_physics()
+        self._add_room(folder)
+        self.object_id = load_urdf(
+            self.client, self.built.urdf, self.placement.T_world_object
+        )
+        self.part_joint = joint_index(self.client, self.object_id, PART_JOINT)
+        self._furnish()
+        self.robot_id = load_urdf(
+            self.client, PANDA_URDF, gtsam.Pose3(), p.URDF_USE_INERTIA_FROM_FILE
+        )
+        self._set_up_robot()
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        if self._entered:
+            p.disconnect(physicsClientId=self.client)
+            self._entered = False
+        self._folder.cleanup()
+
+    @property
+    def time_s(self) -> float:
+        """Simulated time since the start."""
+        return self._steps * self.config.step_s
+
+    def step(self) -> None:
+        """One physics step."""
+        p.stepSimulation(physicsClientId=self.client)
+        self._steps += 1
+
+    def part_state(self) -> float:
+        """The true state of the part, m or rad. For scoring alone."""
+        return float(
+            p.getJointState(self.object_id, self.part_joint, physicsClientId=self.client)[0]
+        )
+
+    def set_part_state(self, state: float) -> None:
+        """Puts the part at a state (m or rad), at rest; for starting a task part-way open."""
+        p.resetJointState(
+            self.object_id, self.part_joint, state, 0.0, physicsClientId=self.client
+        )
+
+    def truth(self) -> JointTruth:
+        """The true joint and its state now. For scoring alone: nothing on the robot sees it."""
+        T = self.placement.T_world_object
+        prismatic = self.spec.kind == "prismatic"
+        return JointTruth(
+            kind=self.spec.kind,
+            axis=T.rotation().matrix() @ self.built.axis_object,
+            pivot=None if prismatic else T.transformFrom(self.built.pivot_object),
+            states=np.array([self.part_state()]),
+        )
+
+    def _set_physics(self) -> None:
+        p.setGravity(0, 0, -self.config.gravity_m_s2, physicsClientId=self.client)
+        p.setPhysicsEngineParameter(
+            fixedTimeStep=self.config.step_s,
+            numSubSteps=0,
+            numSolverIterations=self.config.solver_iterations,
+            deterministicOverlappingPairs=1,
+            physicsClientId=self.client,
+        )
+
+    def _add_room(self, folder: Path) -> None:
+        """A floor and a wall a hand's breadth behind the cabinet, as textured boxes."""
+        rng = np.random.default_rng([self.spec.seed, 9])
+        T, depth = self.placement.T_world_object, self.spec.size_m[1]
+        T_floor = gtsam.Pose3(gtsam.Rot3(), np.array([0.0, 0.0, -0.025]))
+        behind = gtsam.Pose3(gtsam.Rot3(), np.array([0.0, depth / 2 + 0.1, 1.5]))
+        for name, image, size, T_world_box in (
+            ("floor", floor(rng), [6.0, 6.0, 0.05], T_floor),
+            ("wall", plaster(rng), [6.0, 0.05, 3.0], T * behind),
+        ):
+            cv2.imwrite(str(folder / f"{name}.png"), image[..., ::-1])
+            box = Box(name, np.array(size), gtsam.Pose3(), name)
+            write_textured_boxes(folder / f"{name}.obj", [box], f"{name}.png", split_m=1.0)
+            xml = (
+                f'<robot name="{name}"><link name="{name}"><inertial><mass value="0"/>'
+                '<inertia ixx="0" iyy="0" izz="0" ixy="0" ixz="0" iyz="0"/></inertial>'
+                f'<visual><geometry><mesh filename="{name}.obj"/></geometry></visual>'
+                f'<collision><geometry><box size="{size[0]} {size[1]} {size[2]}"/></geometry>'
+                "</collision></link></robot>"
+            )
+            (folder / f"{name}.urdf").write_text(xml, encoding="utf-8")
+            load_urdf(self.client, folder / f"{name}.urdf", T_world_box)
+
+    def _furnish(self) -> None:
+        """Coulomb friction as a velocity motor of bounded force; viscous damping; contact."""
+        spec = self.spec
+        p.setJointMotorControl2(
+            self.object_id,
+            self.part_joint,
+            p.VELOCITY_CONTROL,
+            targetVelocity=0.0,
+            force=spec.friction,
+            physicsClientId=self.client,
+        )
+        p.changeDynamics(
+            self.object_id,
+            self.part_joint,
+            jointDamping=spec.damping,
+            lateralFriction=spec.handle_mu,
+            linearDamping=0.0,
+            angularDamping=0.0,
+            physicsClientId=self.client,
+        )
+
+    def _set_up_robot(self) -> None:
+        for link in range(-1, p.getNumJoints(self.robot_id, physicsClientId=self.client)):
+            p.changeDynamics(
+                self.robot_id,
+                link,
+                linearDamping=0.0,
+                angularDamping=0.0,
+                jointDamping=0.0,
+                physicsClientId=self.client,
+            )
+        for j in range(N_ARM):
+            p.resetJointState(self.robot_id, j, Q_HOME[j], physicsClientId=self.client)
+        for name in ("panda_finger_joint1", "panda_finger_joint2"):
+            finger = joint_index(self.client, self.robot_id, name)
+            p.resetJointState(self.robot_id, finger, 0.04, physicsClientId=self.client)
+            p.changeDynamics(
+                self.robot_id,
+                finger,
+                lateralFriction=self.config.finger_mu,
+                spinningFriction=self.config.finger_spin_m,
+                rollingFriction=0.0,
+                frictionAnchor=1,
+                physicsClientId=self.client,
+            )
