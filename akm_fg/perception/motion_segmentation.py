@@ -25,6 +25,8 @@ from akm_fg.errors import NoMotionObserved, TracksLost
 from akm_fg.estimation.rigid_motion import RigidMotion, free_rigid_motion
 from akm_fg.records import BoolArray, FloatArray, PointTracks
 
+REFITS = 3  # of the motion, each to the tracks that the one before explains
+
 
 @dataclass(frozen=True, slots=True)
 class MotionSegmentationConfig:
@@ -32,7 +34,7 @@ class MotionSegmentationConfig:
 
     systematic_m: float = 0.0015  # error that is not in the covariances, each axis: calibration
     min_observations: int = 3  # fewer say nothing about motion
-    false_alarm: float = 1e-4  # of one track's chi-square test: none in a clip of 1000 resting
+    false_alarm: float = 0.01  # of one track as a seed; the evidence of all together decides
     min_moving: int = 6  # tracks; a rigid motion takes three, and three must confirm it
     min_motion_m: float = 0.004  # rms displacement of the part: below, calibration drift can do it
     spectral_tracks: int = 250  # eigenvectors cost the cube of this
@@ -80,26 +82,41 @@ class _Fit:
         return np.where(self.freedom > 0, self.cost / np.maximum(self.freedom, 1), np.inf)
 
 
-def _explain(
-    p: FloatArray, info: FloatArray, use: BoolArray, R: FloatArray, t: FloatArray, cap: float
-) -> _Fit:
-    """Judge points (T, N, 3) by the motion R, t (T, ...) of a latent shape.
+@dataclass(frozen=True, slots=True)
+class _Observations:
+    """What is judged: points, the inverse of their covariances, and which of them count."""
 
-    The shape is the mean of the points taken back, re-weighted twice against outliers.
-    """
-    back = np.einsum("tji,tnj->tni", R, p - t[:, None])
-    info_back = np.einsum("tji,tnjk,tkl->tnil", R, info, R)
-    w = use.astype(float)
-    d2 = np.zeros(w.shape)
-    for _ in range(3):
-        total = np.einsum("tn,tnij->nij", w, info_back) + 1e-9 * np.eye(3)
-        pull = np.einsum("tn,tnij,tnj->ni", w, info_back, back)
-        shape = np.linalg.solve(total, pull[..., None])[..., 0]
-        e = back - shape
-        d2 = np.einsum("tni,tnij,tnj->tn", e, info_back, e)
-        w = use * np.minimum(1.0, cap / np.maximum(np.sqrt(d2), 1e-12))
-    cost = np.where(use, np.minimum(d2, cap**2), 0.0).sum(axis=0)
-    return _Fit(cost, np.maximum(3.0 * (use.sum(axis=0) - 1), 0.0))
+    p: FloatArray  # (T, N, 3), 0 where not seen
+    info: FloatArray  # (T, N, 3, 3)
+    use: BoolArray  # (T, N)
+    cap: float  # standard deviations
+
+    def judge(self, R: FloatArray, t: FloatArray, known: BoolArray) -> _Fit:
+        """How well the motion R (T, 3, 3), t (T, 3) of a latent shape explains each track.
+
+        The shape is the mean of the points taken back, re-weighted twice against outliers; only
+        frames in which the motion is `known` (T,) count.
+        """
+        back = (self.p - t[:, None]) @ R
+        return self._spread(back, R.transpose(0, 2, 1)[:, None] @ self.info @ R[:, None], known)
+
+    def judge_rest(self, known: BoolArray) -> _Fit:
+        """How well rest explains each track in these frames."""
+        return self._spread(self.p, self.info, known)
+
+    def _spread(self, p: FloatArray, info: FloatArray, known: BoolArray) -> _Fit:
+        use = self.use & known[:, None]
+        w = use.astype(float)
+        d2 = np.zeros(w.shape)
+        for _ in range(3):
+            weighted = w[..., None, None] * info
+            total = weighted.sum(axis=0) + 1e-9 * np.eye(3)
+            pull = (weighted @ p[..., None])[..., 0].sum(axis=0)
+            e = p - np.linalg.solve(total, pull[..., None])[..., 0]
+            d2 = ((info @ e[..., None])[..., 0] * e).sum(axis=-1)
+            w = use * np.minimum(1.0, self.cap / np.maximum(np.sqrt(d2), 1e-12))
+        cost = np.where(use, np.minimum(d2, self.cap**2), 0.0).sum(axis=0)
+        return _Fit(cost, np.maximum(3.0 * (use.sum(axis=0) - 1), 0.0))
 
 
 def segment_motion(
@@ -129,21 +146,16 @@ def segment_motion(
     p = np.where(observed[..., None], tracks.p_world, 0.0)
     cov = np.where(observed[..., None, None], tracks.cov_world, np.eye(3))
     info = np.asarray(np.linalg.inv(cov + config.systematic_m**2 * np.eye(3)), dtype=np.float64)
-    T = len(p)
-    use = observed & judged
-    rest = _explain(p, info, use, np.tile(np.eye(3), (T, 1, 1)), np.zeros((T, 3)),
-                    config.outlier_sigmas)  # fmt: skip
+    seen = _Observations(p, info, observed & judged, config.outlier_sigmas)
+    rest = seen.judge_rest(np.ones(len(p), dtype=bool))
     significant = judged & (rest.cost > chi2.isf(config.false_alarm, np.maximum(rest.freedom, 1)))
     motion = None
     if significant.sum() >= config.min_moving:
-        motion = _fit_motion(tracks, p, info, significant, judged, config, rng)
+        motion = _fit_motion(tracks, seen, rest, significant, config, rng)
     if motion is None:
         return _nothing_moved(rest, judged, 1.0, config)
-    known = motion.known[:, None] & use
-    R, t = motion.R_world, motion.t_world
-    moved = _explain(p, info, known, R, t, config.outlier_sigmas)
-    rest_known = _explain(p, info, known, np.tile(np.eye(3), (T, 1, 1)), np.zeros((T, 3)),
-                          config.outlier_sigmas)  # fmt: skip
+    moved = seen.judge(motion.R_world, motion.t_world, motion.known)
+    rest_known = rest if motion.known.all() else seen.judge_rest(motion.known)
     return _decide(tracks, rest, rest_known, moved, judged, int(motion.known.sum()), config)
 
 
@@ -202,30 +214,28 @@ def _rms_displacement(tracks: PointTracks) -> float:
 
 def _fit_motion(
     tracks: PointTracks,
-    p: FloatArray,
-    info: FloatArray,
+    seen: _Observations,
+    rest: _Fit,
     significant: BoolArray,
-    judged: BoolArray,
     config: MotionSegmentationConfig,
     rng: np.random.Generator,
 ) -> RigidMotion | None:
     """The rigid motion of the cluster that moved most, refitted to all tracks it explains."""
-    seed = _seed_cluster(tracks, p, significant, config, rng)
-    T = len(p)
-    for _ in range(2):
+    seed = _seed_cluster(tracks, seen.p, significant, config, rng)
+    limit = config.max_per_freedom * config.max_noise_scale**2
+    motion = None
+    for _ in range(REFITS):
         if len(seed) < config.min_moving:
             return None
         motion = free_rigid_motion(tracks.select(seed), rng)
         if motion.known.sum() < 2:
             return None
-        use = tracks.observed & judged & motion.known[:, None]
-        cap = config.outlier_sigmas
-        moved = _explain(p, info, use, motion.R_world, motion.t_world, cap)
-        rest = _explain(p, info, use, np.tile(np.eye(3), (T, 1, 1)), np.zeros((T, 3)), cap)
-        scale2 = config.max_noise_scale**2
-        fits = moved.per_freedom() < config.max_per_freedom * scale2
-        better = rest.cost - moved.cost > 2 * config.min_log_ratio
-        seed = np.flatnonzero(significant & fits & better)
+        moved = seen.judge(motion.R_world, motion.t_world, motion.known)
+        rest_known = rest if motion.known.all() else seen.judge_rest(motion.known)
+        better = rest_known.cost - moved.cost > 2 * config.min_log_ratio
+        last, seed = seed, np.flatnonzero((moved.per_freedom() < limit) & better)
+        if np.array_equal(last, seed):
+            break
     return motion if len(seed) >= config.min_moving else None
 
 
