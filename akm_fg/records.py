@@ -142,7 +142,7 @@ class PointTracks:
     @property
     def observed(self) -> BoolArray:
         """(T, N), True where the point was seen."""
-        return np.isfinite(self.p_world).all(axis=-1)
+        return np.asarray(np.isfinite(self.p_world).all(axis=-1))
 
     def select(self, tracks: NDArray) -> PointTracks:
         """The tracks with these indices (or where this (N,) mask is True)."""

@@ -72,5 +72,5 @@ def square_root_rows(information: Array, gradient: Array, twice_cost: float) -> 
     A[:d] = roots[:, None] * vectors.T
     e = np.zeros(d + 1)
     e[:d] = np.where(kept, vectors.T @ gradient / np.where(kept, roots, 1.0), 0.0)
-    e[d] = np.sqrt(max(twice_cost - e[:d] @ e[:d], 0.0))
+    e[d] = max(twice_cost - float(e[:d] @ e[:d]), 0.0) ** 0.5
     return A, e

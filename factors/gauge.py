@@ -61,4 +61,5 @@ def gauge_factor(
         J_turn[0, :3] = gtsam.Rot3.LogmapDerivative(turn)[2]
         return e, [np.vstack([J_turn, J_c_pose[rows]])]
 
-    return make_factor(residual, {joint_key: 6}, gtsam.noiseModel.Isotropic.Sigma(1 + len(rows), SIGMA))
+    noise = gtsam.noiseModel.Isotropic.Sigma(1 + len(rows), SIGMA)
+    return make_factor(residual, {joint_key: 6}, noise)

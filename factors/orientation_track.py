@@ -98,7 +98,7 @@ def orientation_track_factor(
     if not sigma_rad > 0:
         raise ValueError(f"sigma_rad is {sigma_rad}, expected > 0")
     free = [t for t, key in enumerate(state_keys) if key is not None]
-    keys = [state_keys[t] for t in free]
+    keys = [key for key in state_keys if key is not None]
     d = 9 + len(free)
 
     def residual(values: gtsam.Values, want_jacobians: bool) -> tuple[Array, list[Array] | None]:
@@ -117,8 +117,8 @@ def orientation_track_factor(
         J = np.zeros((e.shape[0], 3, d))
         J[:, :, :3], J[:, :, 6:9] = J_w, J_ref
         J[free, :, 9 + np.arange(len(free))] = J_q[free]
-        J = (J * root[..., None]).reshape(-1, d)
-        A, out = square_root_rows(J.T @ J, J.T @ (e * root).ravel(), twice_cost)
+        rows = (J * root[..., None]).reshape(-1, d)
+        A, out = square_root_rows(rows.T @ rows, rows.T @ (e * root).ravel(), twice_cost)
         return out, [A[:, :6], A[:, 6:9], *(A[:, 9 + k : 10 + k] for k in range(len(free)))]
 
     dims = {joint_key: 6, reference_key: 3, **dict.fromkeys(keys, 1)}

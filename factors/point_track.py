@@ -64,7 +64,7 @@ class TrackObservations:
                 f"points {p_world.shape} and covariances {cov_world.shape}, "
                 "expected (T, N, 3) and (T, N, 3, 3)"
             )
-        observed = np.isfinite(p_world).all(axis=-1)
+        observed: NDArray[np.bool_] = np.asarray(np.isfinite(p_world).all(axis=-1))
         cov = np.where(observed[..., None, None], cov_world, np.eye(3))
         if not np.isfinite(cov).all():
             raise ValueError("a covariance of an observed point is not finite")
@@ -73,7 +73,9 @@ class TrackObservations:
             raise ValueError("a covariance is not positive definite")
         information = np.linalg.inv(cov)[:, :, _ROW, _COL] * observed[..., None]
         return TrackObservations(
-            p_world=np.ascontiguousarray(np.where(observed[..., None], p_world, 0.0).swapaxes(1, 2)),
+            p_world=np.ascontiguousarray(
+                np.where(observed[..., None], p_world, 0.0).swapaxes(1, 2)
+            ),
             information_world=np.ascontiguousarray(information.swapaxes(1, 2)),
             observed=observed,
             log_det_cov=float(np.log(eigenvalues).sum()),
@@ -117,12 +119,11 @@ def track_cost(
     information = _rotated(tracks.information_world, T_world_joint[:3, :3] @ rotations) / scale**2
     x = _first_reference(z, tracks.observed) if x_start is None else x_start
     x, weighted, d2 = _best_reference(z, information, x, dof)
-    total = weighted.sum(axis=0)[_PACKED].transpose(2, 0, 1)
     return TrackCost(
         twice_cost=float(twice_negative_log_kernel(d2, dof, 3).sum()),
         d2=d2,
         x_joint=x,
-        log_det_latent=float(np.log(np.linalg.det(total)).sum()),
+        log_det_latent=float(np.log(_packed_inverse(weighted.sum(axis=0))[1]).sum()),
         z_joint=z,
         information=weighted,
     )
@@ -152,6 +153,16 @@ def _times(packed: Array, v: Array) -> Array:
     )
 
 
+def _packed_inverse(packed: Array) -> tuple[Array, Array]:
+    """Inverse (6, N) and determinant (N,) of packed symmetric matrices (6, N), by cofactors."""
+    a, b, c, d, e, f = packed
+    inverse = np.stack(
+        [d * f - e * e, c * e - b * f, b * e - c * d, a * f - c * c, b * c - a * e, a * d - b * b]
+    )
+    determinant = a * inverse[0] + b * inverse[1] + c * inverse[2]
+    return inverse / determinant, determinant
+
+
 def _first_reference(z: Array, observed: NDArray[np.bool_]) -> Array:
     """Median over the frames of each point's reference coordinates, (3, N)."""
     if observed.all():
@@ -160,23 +171,45 @@ def _first_reference(z: Array, observed: NDArray[np.bool_]) -> Array:
     return np.nanmedian(masked, axis=0)
 
 
+def rough_track_cost(kind: str, T_world_joint: Array, q: Array, tracks: TrackObservations) -> Array:
+    """Squared whitened errors (M,) of the M observations, latent points at their medians.
+
+    For comparing starts: cheap, and not for sale to outliers when a median is taken of it.
+    """
+    z = reference_coordinates(kind, T_world_joint, q, tracks.p_world)
+    rotations, _ = joint_displacement(kind, q)
+    information = _rotated(tracks.information_world, T_world_joint[:3, :3] @ rotations)
+    e = z - _first_reference(z, tracks.observed)
+    return (e * _times(information, e)).sum(axis=1)[tracks.observed]
+
+
 def _best_reference(
-    z: Array, information: Array, x: Array, dof: float, iterations: int = 20, tolerance: float = 1e-3
+    z: Array,
+    information: Array,
+    x: Array,
+    dof: float,
+    iterations: int = 20,
+    tolerance: float = 5e-3,
 ) -> tuple[Array, Array, Array]:
     """Minimise each point's robust cost over its reference; x, weighted information, d2."""
+    x = x.copy()
+    active = np.arange(x.shape[1])
+    z_active, information_active = z, information
     for _ in range(iterations):
-        e = z - x
-        Le = _times(information, e)
-        d2 = (e * Le).sum(axis=1)
-        w = weight(d2, dof, 3)[:, None, :]
-        weighted = information * w
-        total = weighted.sum(axis=0)[_PACKED].transpose(2, 0, 1)
-        pull = (Le * w).sum(axis=0).T
-        step = np.linalg.solve(total, pull[..., None])[..., 0]
-        x = x + step.T
-        # A step's length in units of the reference's own standard deviation.
-        if np.max(np.einsum("nij,ni,nj->n", total, step, step), initial=0.0) < tolerance:
+        e = z_active - x[:, active]
+        Le = _times(information_active, e)
+        w = weight((e * Le).sum(axis=1), dof, 3)[:, None, :]
+        pull = (Le * w).sum(axis=0)
+        total = (information_active * w).sum(axis=0)
+        step = _times(_packed_inverse(total)[0][None], pull[None])[0]
+        x[:, active] += step
+        # A step's squared length in units of the reference's own standard deviation.
+        moving = (step * pull).sum(axis=0) > tolerance
+        if not moving.any():
             break
+        if moving.sum() < 0.7 * active.size:  # points settle at their own pace
+            active = active[moving]
+            z_active, information_active = z[:, :, active], information[:, :, active]
     e = z - x
     d2 = (e * _times(information, e)).sum(axis=1)
     return x, information * weight(d2, dof, 3)[:, None, :], d2
@@ -202,12 +235,10 @@ def track_normal_equations(kind: str, q: Array, cost: TrackCost) -> tuple[Array,
     H[:6, 6:] = H[6:, :6].T
     H[range(6, 6 + T), range(6, 6 + T)] = np.einsum("i,tij,j->t", S, twist_information, S)
     g = np.concatenate([np.einsum("tji,tj->i", adjoint, twist_gradient), twist_gradient @ S])
-    total = W.sum(axis=0)[_PACKED].transpose(2, 0, 1)
-    pull = _times(W, e).sum(axis=0).T[..., None]  # what is left of the latent's own gradient
-    Y = np.linalg.solve(
-        np.linalg.cholesky(total), np.concatenate([F.transpose(2, 0, 1), pull], axis=2)
-    ).reshape(-1, 7 + T)
-    marginalised = Y[:, :-1].T @ Y
+    pull = _times(W, e).sum(axis=0)  # what is left of the latent's own gradient
+    rows = np.concatenate([F, pull[:, None]], axis=1)  # (3, 7 + T, N)
+    held = _times(_packed_inverse(W.sum(axis=0))[0][None, :, None], rows[None])[0]
+    marginalised = np.einsum("ajn,akn->jk", F, held, optimize=True)
     return H - marginalised[:, :-1], g - marginalised[:, -1]
 
 
@@ -216,6 +247,39 @@ def state_information(kind: str, cost: TrackCost) -> Array:
     step = np.einsum("ajn,j->an", _twist_jacobian(cost.x_joint), unit_twist(kind))
     full = cost.information[:, _PACKED]
     return np.einsum("an,tabn,bn->t", step, full, step)
+
+
+def state_step(
+    kind: str,
+    T_world_joint: Array,
+    q: Array,
+    x_joint: Array,
+    tracks: TrackObservations,
+    dof: float,
+    scale: float,
+) -> tuple[Array, Array]:
+    """Gauss-Newton step and information (T,) of each state with joint and latent points held.
+
+    Args:
+        kind: joint kind.
+        T_world_joint: (4, 4).
+        q: (T,) states to step from.
+        x_joint: (3, N) reference points, joint frame.
+        tracks: the observations.
+        dof: degrees of freedom of the Student-t kernel.
+        scale: factor on the observations' standard deviations.
+    """
+    z = reference_coordinates(kind, T_world_joint, q, tracks.p_world)
+    rotations, _ = joint_displacement(kind, q)
+    information = _rotated(tracks.information_world, T_world_joint[:3, :3] @ rotations) / scale**2
+    e = z - x_joint
+    Le = _times(information, e)
+    w = weight((e * Le).sum(axis=1), dof, 3)
+    direction = np.einsum("ajn,j->an", _twist_jacobian(x_joint), unit_twist(kind))
+    gradient = (direction * Le * w[:, None]).sum(axis=(1, 2))
+    along = _times(information * w[:, None], np.broadcast_to(direction, z.shape))
+    curvature = (direction * along).sum(axis=(1, 2))
+    return -gradient / curvature, curvature
 
 
 def _twist_jacobian(x_joint: Array) -> Array:
@@ -256,6 +320,7 @@ def point_track_factor(
     tracks: TrackObservations,
     dof: float,
     scale: float,
+    x_start: Array | None = None,
 ) -> gtsam.CustomFactor:
     """The factor over T_world_joint and the states.
 
@@ -266,6 +331,7 @@ def point_track_factor(
         tracks: the observations, T frames.
         dof: degrees of freedom of the Student-t kernel.
         scale: factor on the observations' standard deviations.
+        x_start: (3, N) where to start the latent points, joint frame; saves time only.
 
     Raises:
         ValueError: the number of keys is not that of the frames, or an unknown kind.
@@ -274,7 +340,7 @@ def point_track_factor(
     if len(state_keys) != tracks.p_world.shape[0]:
         raise ValueError(f"{len(state_keys)} state keys, {tracks.p_world.shape[0]} frames")
     free = [t for t, key in enumerate(state_keys) if key is not None]
-    keys = [state_keys[t] for t in free]
+    keys = [key for key in state_keys if key is not None]
     columns = np.concatenate([np.arange(6), 6 + np.array(free, dtype=int)])
     last: dict[bytes, TrackCost] = {}
 
@@ -284,9 +350,9 @@ def point_track_factor(
         q[free] = [values.atDouble(key) for key in keys]
         here = T_world_joint.tobytes() + q.tobytes()
         if here not in last:  # the optimiser asks for the error first, then for the Jacobian
-            x_start = next((cost.x_joint for cost in last.values()), None)
+            start = next((cost.x_joint for cost in last.values()), x_start)
             last.clear()
-            last[here] = track_cost(kind, T_world_joint, q, tracks, dof, scale, x_start)
+            last[here] = track_cost(kind, T_world_joint, q, tracks, dof, scale, start)
         cost = last[here]
         if not want_jacobians:
             e = np.zeros(columns.size + 1)

@@ -30,9 +30,7 @@ def weight(d2: Array, dof: float, dim: int) -> Array:
 
 def log_normaliser(dof: float, dim: int) -> float:
     """Log of the density at its mode for a unit scale matrix."""
-    return (
-        math.lgamma((dof + dim) / 2) - math.lgamma(dof / 2) - dim / 2 * math.log(dof * math.pi)
-    )
+    return math.lgamma((dof + dim) / 2) - math.lgamma(dof / 2) - dim / 2 * math.log(dof * math.pi)
 
 
 def covariance_factor(d2: Array, dof: float, dim: int) -> float:

@@ -28,6 +28,8 @@ class FitConfig:
     rigid_motion: RigidMotionConfig = field(default_factory=RigidMotionConfig)
     dof: float = 6.0  # of the Student-t noise: 97 % efficient on Gaussian noise, see docs
     max_frames: int = 60  # frames in the graph; the others get their states afterwards
+    cost_tolerance: float = 0.05  # nats; a step that gains less moves by a tenth of a sigma
+    max_iterations: int = 30  # of Levenberg-Marquardt a round; a good start takes five
     scale_iterations: int = 6  # rounds of: solve, estimate the noise scale
     scale_tolerance: float = 0.02  # relative change of the noise scale that ends the rounds
     noise_prior_observations: float = 20.0  # weight of a given noise level, as observations

@@ -8,9 +8,12 @@ from dataclasses import replace
 import numpy as np
 from scipy import stats
 
-from akm_fg.estimation.config import FitConfig, PriorConfig
-from akm_fg.estimation.joint_graph import KindFit, Observations
+from akm_fg.estimation.config import PriorConfig
+from akm_fg.estimation.laplace import KindFit
+from akm_fg.estimation.observations import Observations
+from akm_fg.estimation.problem import FitProblem
 from akm_fg.estimation.rigid_motion import MIN_POINTS
+
 
 def correlation_frames(fit: KindFit, observations: Observations) -> tuple[float, float]:
     """Integrated autocorrelation time of the residuals in frames, and their visible share.
@@ -55,12 +58,12 @@ def correlation_frames(fit: KindFit, observations: Observations) -> tuple[float,
 
 def temper(fit: KindFit, tau: float) -> KindFit:
     """The fit with its frames counted once every `tau`; the solution stays."""
-    return replace(fit, cov=fit.cov * tau, tau=tau)
+    return replace(fit, cov=fit.cov * tau, cov_factor=fit.cov_factor * tau, tau=tau)
 
 
 def kind_probabilities(fits: list[KindFit], prior: PriorConfig) -> dict[str, float]:
     """Posterior probability of every kind in the prior; zero for one that could not be fitted."""
-    log_p = {fit.kind: fit.log_evidence + math.log(prior.kind_probability[fit.kind]) for fit in fits}
+    log_p = {f.kind: f.log_evidence + math.log(prior.kind_probability[f.kind]) for f in fits}
     top = max(log_p.values())
     total = sum(math.exp(v - top) for v in log_p.values())
     return {
@@ -69,34 +72,26 @@ def kind_probabilities(fits: list[KindFit], prior: PriorConfig) -> dict[str, flo
     }
 
 
-def is_parametric(
-    fit: KindFit,
-    observations: Observations,
-    local_scale: float,
-    travel_m: float,
-    tau: float,
-    config: FitConfig,
-) -> bool:
+def is_parametric(fit: KindFit, problem: FitProblem, tau: float) -> bool:
     """Whether the fit's residuals are noise: a chi-square test, the worst tenth trimmed.
 
     The noise is what can be seen without assuming a joint (`local_scale`), plus a systematic
     part proportional to the travel: real parts flex and have play.
     """
-    observed = observations.tracks.observed
+    config, observed = problem.config, problem.observations.tracks.observed
     e2 = fit.squared_error_m2[observed]
-    given = fit.squared_error_m2[observed] / np.maximum(fit.d2[observed], 1e-300)
-    sigma2 = given * local_scale**2 + (config.systematic_share * travel_m) ** 2
+    given = e2 / np.maximum(fit.d2[observed], 1e-300)
+    systematic_m = config.systematic_share * problem.travel_m
+    sigma2 = given * problem.local_scale**2 + systematic_m**2
     d2 = np.sort(e2 / sigma2)[: max(int(0.9 * e2.size), 1)]
     # Of three error components the states and latent points absorb a share.
     freedom = 3 * fit.freedom
-    trimmed_mean = _trimmed_chi2_mean(freedom)
-    independent = max(d2.size / tau, 2.0)
-    limit = stats.chi2.ppf(1 - config.parametric_p_value, independent * freedom)
-    return bool(d2.mean() / trimmed_mean <= limit / (independent * freedom))
+    independent = max(d2.size / tau, 2.0) * freedom
+    limit = stats.chi2.ppf(1 - config.parametric_p_value, independent) / independent
+    return bool(d2.mean() / _trimmed_chi2_mean(freedom) <= limit)
 
 
 def _trimmed_chi2_mean(freedom: float) -> float:
     """Mean of a chi-square variable below its 90 % quantile."""
     q = stats.chi2.ppf(0.9, freedom)
     return float(freedom * stats.chi2.cdf(q, freedom + 2) / 0.9)
-

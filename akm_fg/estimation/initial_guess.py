@@ -13,6 +13,7 @@ from akm_fg.records import BoolArray, FloatArray
 # A hinge farther away than this is a drawer for every purpose of a start; metres.
 _MAX_RADIUS_M = 5.0
 _MIN_RADIUS_M = 0.01
+_FAR_HINGES_M = (1.0, 2.0, 4.0, 8.0)
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,21 +62,18 @@ def guesses_from_path(path: FloatArray, known: BoolArray) -> list[JointGuess]:
     _, _, directions = np.linalg.svd(points - centre, full_matrices=False)
     along = (path - centre) @ directions[0]
     guesses = [_guess("prismatic", directions[0], path[known][0], along, known)]
-    normals = [directions[2]]
     if points.shape[0] < 3:
         return guesses
-    for normal in normals:
-        pivot = _circle_about(normal, points)
-        for p in [] if pivot is None else [pivot]:
-            guesses.append(_guess("revolute", normal, p, _angles(path, normal, p), known))
-    # A nearly straight path: hinges one metre to either side of it, in the plane of its bend.
-    side = np.cross(directions[2], directions[0])
-    for sign in (1.0, -1.0):
-        p = centre + sign * side
-        guesses.append(
-            _guess("revolute", directions[2], p, _angles(path, directions[2], p), known)
-        )
-    return guesses
+    normal = directions[2]
+    pivots = [_circle_about(normal, points)]
+    # A nearly straight path: far hinges to either side of it, in the plane of its bend.
+    side = np.cross(normal, directions[0])
+    pivots += [centre + sign * r * side for r in _FAR_HINGES_M for sign in (1.0, -1.0)]
+    return guesses + [
+        _guess("revolute", normal, pivot, _angles(path, normal, pivot), known)
+        for pivot in pivots
+        if pivot is not None
+    ]
 
 
 def _angles(path: FloatArray, axis: FloatArray, pivot: FloatArray) -> FloatArray:

@@ -22,9 +22,7 @@ def local_noise(path: FloatArray) -> float:
     return float(1.4826 * np.median(second) / np.sqrt(6))
 
 
-def select_keyframes(
-    path: FloatArray, frames: NDArray[np.int_], count: int
-) -> NDArray[np.int_]:
+def select_keyframes(path: FloatArray, frames: NDArray[np.int_], count: int) -> NDArray[np.int_]:
     """At most `count` of `frames`, spread along the path (K, 3) walked; first and last in.
 
     Nearly evenly in space, not in time: systematic errors depend on the place, and frames at

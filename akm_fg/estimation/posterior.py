@@ -1,4 +1,7 @@
-"""What the estimator returns: every number with its uncertainty. Conventions: docs/conventions.md."""
+"""What the estimator returns: every number with its uncertainty.
+
+Conventions: docs/conventions.md.
+"""
 
 from __future__ import annotations
 

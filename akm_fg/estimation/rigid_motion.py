@@ -68,7 +68,8 @@ def free_rigid_motion(
     config = config or RigidMotionConfig()
     observed = tracks.observed
     p = np.where(observed[..., None], tracks.p_world, 0.0)
-    sigma2 = np.where(observed, np.trace(np.nan_to_num(tracks.cov_world), axis1=2, axis2=3) / 3, 1.0)
+    variance = np.trace(tracks.cov_world, axis1=2, axis2=3) / 3
+    sigma2 = np.where(observed, variance, 1.0)
     ref = int(np.argmax(observed.sum(axis=1)))
     member = _consensus(p, observed, sigma2, ref, rng, config)
     w = np.where(observed & member[None], 1 / sigma2, 0.0)
@@ -128,8 +129,10 @@ def _consensus(
     common = observed & observed[ref][None]
     enough = common.sum(axis=1) >= max(MIN_POINTS + 1, common.sum(axis=1).max() // 2)
     moved = np.array(
-        [np.median(np.linalg.norm(p[t] - p[ref], axis=-1)[common[t]]) if enough[t] else -1.0
-         for t in range(T)]
+        [
+            np.median(np.linalg.norm(p[t] - p[ref], axis=-1)[common[t]]) if enough[t] else -1.0
+            for t in range(T)
+        ]
     )
     far = int(np.argmax(moved))
     index = np.flatnonzero(common[far])

@@ -5,18 +5,59 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from akm_fg.estimation.joint_graph import KindFit, Observations
+from akm_fg.estimation.config import FitConfig
+from akm_fg.estimation.laplace import KindFit
 from akm_fg.records import FloatArray, PointTracks
+from factors.point_track import TrackObservations, state_step
+
+_ITERATIONS = 10
 
 
 def states_of_all_frames(
-    fit: KindFit,
-    points: PointTracks,
-    keyframes: NDArray[np.int_],
-    observations: Observations,
+    fit: KindFit, points: PointTracks, keyframes: NDArray[np.int_], config: FitConfig
 ) -> tuple[FloatArray, FloatArray]:
-    """States and standard deviations of all T frames."""
+    """States and standard deviations (T,) of all frames; NaN where nothing was seen.
+
+    A frame outside the graph is solved for its state alone, joint and reference points held. Its
+    variance is its own noise plus what joint and reference points add; the latter is a smooth
+    function of the state, read off the keyframes on either side.
+
+    Args:
+        fit: the solved kind, over the keyframes.
+        points: all T frames of the fitted tracks.
+        keyframes: (K,) frames of the graph.
+        config: tuning.
+    """
     T = points.p_world.shape[0]
     mean, sd = np.full(T, np.nan), np.full(T, np.nan)
     mean[keyframes], sd[keyframes] = fit.q, fit.state_sd
+    others = np.setdiff1d(np.flatnonzero(points.observed.any(axis=1)), keyframes)
+    if others.size == 0 or fit.T_world_joint is None:
+        return mean, sd
+    tracks = TrackObservations.from_points(points.p_world[others], points.cov_world[others])
+    q = np.interp(others, keyframes, fit.q)
+    for _ in range(_ITERATIONS):
+        step, information = state_step(
+            fit.kind, fit.T_world_joint, q, fit.x_joint, tracks, config.dof, fit.scales.track
+        )
+        q = q + step
+    model = _model_variance(fit, points, keyframes, config)
+    order = np.argsort(fit.q[1:])
+    variance = fit.cov_factor / information + np.interp(q, fit.q[1:][order], model[order])
+    mean[others], sd[others] = q, np.sqrt(variance)
     return mean, sd
+
+
+def _model_variance(
+    fit: KindFit, points: PointTracks, keyframes: NDArray[np.int_], config: FitConfig
+) -> FloatArray:
+    """Variance of the keyframes' states (K - 1,) beyond their own frame's noise.
+
+    Frame 0 is left out: its state is zero by definition, without variance.
+    """
+    assert fit.T_world_joint is not None
+    tracks = TrackObservations.from_points(points.p_world[keyframes], points.cov_world[keyframes])
+    _, information = state_step(
+        fit.kind, fit.T_world_joint, fit.q, fit.x_joint, tracks, config.dof, fit.scales.track
+    )
+    return np.maximum(fit.state_sd[1:] ** 2 - fit.cov_factor / information[1:], 0.0)

@@ -1,0 +1,139 @@
+"""Laplace approximation: covariance and evidence of one kind at its solution."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from akm_fg.errors import AxisUnobservable
+from akm_fg.estimation.config import PriorConfig
+from akm_fg.estimation.observations import Scales
+from akm_fg.records import FloatArray
+from factors.gauge import GAUGE_NAMES
+
+TANGENT = ("wx", "wy", "wz", "vx", "vy", "vz")
+
+
+@dataclass(frozen=True, slots=True)
+class KindFit:
+    """The solved graph of one kind."""
+
+    kind: str
+    T_world_joint: FloatArray | None  # (4, 4); None for rigid
+    q: FloatArray  # (T,)
+    cov: FloatArray  # (d, d) over joint without gauge directions, then (reference,) then states
+    joint_directions: tuple[int, ...]  # tangent indices of T_world_joint that are not gauge
+    scales: Scales
+    log_likelihood: float  # normalised Student-t, at the best latent points and orientation
+    log_prior: float  # density of the joint alone, at the solution
+    log_frames: float  # what the frames say with their states marginalised, latent points held
+    log_det: float  # of the information on joint, reference and latent points, states marginalised
+    tau: float  # frames that count as one observation
+    cov_factor: float  # of `cov` over the inverse of the graph's information
+    d2: FloatArray  # (T, N) squared errors in units of the *given* covariances
+    residual_joint: FloatArray  # (T, N, 3) metres, in the joint's axes
+    x_joint: FloatArray  # (3, N) latent reference points, joint frame
+    has_reference: bool  # whether orientations were seen
+    freedom: float  # share of the observations' numbers left after the fit
+
+    @property
+    def log_evidence(self) -> float:
+        """Laplace evidence, frames counted once every tau.
+
+        The marginal likelihood of joint, reference and latent points (states integrated out
+        frame by frame) to the power 1 / tau, times their prior, integrated by Laplace's method.
+        """
+        reference = 3 if self.has_reference else 0
+        fitted = len(self.joint_directions) + reference + 3 * self.x_joint.shape[1]
+        return (
+            self.log_frames / self.tau
+            + self.log_prior
+            + 0.5 * fitted * math.log(2 * math.pi * self.tau)
+            - 0.5 * self.log_det
+        )
+
+    @property
+    def squared_error_m2(self) -> FloatArray:
+        """(T, N) squared residuals."""
+        return (self.residual_joint**2).sum(axis=-1)
+
+    @property
+    def joint_cov(self) -> FloatArray:
+        """(6, 6) in the tangent of T_world_joint, zero along the gauge directions."""
+        cov = np.zeros((6, 6))
+        k = len(self.joint_directions)
+        cov[np.ix_(self.joint_directions, self.joint_directions)] = self.cov[:k, :k]
+        return cov
+
+    @property
+    def state_sd(self) -> FloatArray:
+        """(T,) standard deviations of the states; zero in frame 0, where the state is zero."""
+        T = self.q.size
+        return np.concatenate([[0.0], np.sqrt(np.diag(self.cov)[-(T - 1) :])])
+
+
+def observable_directions(kind: str) -> tuple[int, ...]:
+    """Tangent indices of T_world_joint that the data can fix."""
+    return tuple(i for i, name in enumerate(TANGENT) if name not in GAUGE_NAMES[kind])
+
+
+def log_state_prior(
+    kind: str,
+    T_world_joint: FloatArray,
+    centroid_world: FloatArray,
+    lever_m: float,
+    prior: PriorConfig,
+) -> float:
+    """Log prior density of one state, per unit of the state.
+
+    Flat on metres of displacement over the configured range, so that it pulls nowhere and favours
+    no kind: a radian counts as the moving points' root mean square distance from the axis.
+    """
+    per_metre = -math.log(prior.displacement_range_m)
+    if kind == "prismatic":
+        return per_metre
+    rho2 = _hinge_distance(T_world_joint, centroid_world) ** 2
+    return per_metre + 0.5 * math.log(rho2 + lever_m**2)
+
+
+def log_joint_prior(
+    kind: str, T_world_joint: FloatArray, centroid_world: FloatArray, prior: PriorConfig
+) -> float:
+    """Log prior density over axis direction and position at a solution.
+
+    Axis uniform on the half sphere (its sign is a convention); hinge distance log-normal, hinge
+    bearing uniform. The flat priors of the orientation reference and of the latent points are
+    the same for every kind and left out.
+    """
+    total = -math.log(2 * math.pi)
+    if kind == "revolute":
+        rho = _hinge_distance(T_world_joint, centroid_world)
+        z = math.log(rho / prior.hinge_distance_m) / prior.hinge_distance_sigma_log
+        total += -0.5 * z**2 - math.log(prior.hinge_distance_sigma_log * math.sqrt(2 * math.pi))
+        total -= math.log(2 * math.pi * rho**2)
+    return total
+
+
+def _hinge_distance(T_world_joint: FloatArray, centroid_world: FloatArray) -> float:
+    c = T_world_joint[:3, :3].T @ (centroid_world - T_world_joint[:3, 3])
+    return max(math.hypot(c[0], c[1]), 1e-6)
+
+
+def inverted(kind: str, information: FloatArray) -> tuple[FloatArray, float]:
+    """Covariance and log determinant of an information matrix over (joint, ...).
+
+    Raises:
+        AxisUnobservable: it is singular; names the direction that is open.
+    """
+    scale = 1 / np.sqrt(np.maximum(np.diag(information), 1e-300))
+    eigenvalues, vectors = np.linalg.eigh(information * np.outer(scale, scale))
+    if not eigenvalues[0] > 1e-12:
+        names = [f"{TANGENT[i]} of T_world_joint" for i in observable_directions(kind)]
+        worst = int(np.argmax(np.abs(vectors[:, 0])))
+        name = names[worst] if worst < len(names) else "a state"
+        raise AxisUnobservable(f"{kind} joint: the data leave {name} open")
+    root = vectors / np.sqrt(eigenvalues) * scale[:, None]
+    log_det = float(np.log(eigenvalues).sum() - 2 * np.log(scale).sum())
+    return root @ root.T, log_det

@@ -1,0 +1,153 @@
+"""Preparing a fit: which tracks, frames and starts, how noisy. No joint kind is assumed."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from akm_fg.errors import TracksLost
+from akm_fg.estimation.config import FitConfig
+from akm_fg.estimation.initial_guess import JointGuess, guesses_from_motion, guesses_from_path
+from akm_fg.estimation.observations import T_OVER_NORMAL, Observations, Scales
+from akm_fg.estimation.path import local_noise, select_keyframes
+from akm_fg.estimation.rigid_motion import MIN_POINTS, free_rigid_motion
+from akm_fg.records import FloatArray, PointTracks
+from factors.point_track import TrackObservations
+
+# Pose logs come without a noise level: observations are whitened by these and scaled by the fit.
+NOMINAL_POSITION_M = 1e-3
+_START_ORIENTATION_RAD = 0.02
+
+
+@dataclass(frozen=True, slots=True)
+class FitProblem:
+    """Everything that the kinds share."""
+
+    name: str
+    points: PointTracks  # all T frames of the tracks that count
+    keyframes: NDArray[np.int_]  # (K,) frames in the graph; the first is where the state is zero
+    observations: Observations  # the keyframes'
+    guesses: list[JointGuess]  # over the keyframes
+    centroid_world: FloatArray  # (3,) of the points in the first keyframe
+    lever_m: float  # root mean square size of the points about it
+    start: Scales
+    local_scale: float  # noise that no joint is needed to see, in given standard deviations
+    travel_m: float
+    tracks_rejected: int
+    config: FitConfig
+
+
+def problem_of_tracks(
+    name: str, tracks: PointTracks, noise_known: bool, seed: int, config: FitConfig
+) -> FitProblem:
+    """Three or more tracks: free rigid motions tell members, noise and starts.
+
+    Raises:
+        TracksLost: too few tracks move as one rigid part.
+    """
+    motion = free_rigid_motion(tracks, np.random.default_rng(seed), config.rigid_motion)
+    inliers = int(motion.inlier.sum())
+    if inliers < MIN_POINTS or motion.known.sum() < 2:
+        raise TracksLost(
+            f"{name}: {inliers} of {motion.inlier.size} tracks move as one rigid part, in "
+            f"{int(motion.known.sum())} frames; expected at least {MIN_POINTS} tracks in 2 frames"
+        )
+    shape = motion.shape_world[motion.inlier]
+    moved = motion.R_world @ shape.T + motion.t_world[:, :, None]  # (T, 3, N)
+    known = np.flatnonzero(motion.known)
+    first = moved[known[0]]
+    keyframes = select_keyframes(moved[known].mean(axis=2), known, config.max_frames)
+    return _problem(
+        name=name,
+        points=tracks.select(motion.inlier),
+        R_world_part=None,
+        keyframes=keyframes,
+        guesses=guesses_from_motion(motion),
+        noise=(noise_known, T_OVER_NORMAL * motion.scale, motion.scale, 0.0),
+        centroid_world=first.mean(axis=1),
+        lever_m=float(np.sqrt(((shape - shape.mean(axis=0)) ** 2).sum(axis=1).mean())),
+        travel_m=float(np.linalg.norm(moved[known] - first, axis=1).max()),
+        tracks_rejected=int((~motion.inlier).sum()),
+        config=config,
+    )
+
+
+def problem_of_path(
+    name: str,
+    tracks: PointTracks,
+    R_world_part: FloatArray | None,
+    noise_known: bool,
+    config: FitConfig,
+) -> FitProblem:
+    """One or two points: no rigid motion to be had from them, only a path.
+
+    Args:
+        name: of the input.
+        tracks: T frames, one or two points.
+        R_world_part: (T, 3, 3) measured orientations, or None.
+        noise_known: whether the covariances are more than nominal.
+        config: tuning.
+    """
+    path = np.nanmean(tracks.p_world, axis=1)
+    seen = np.isfinite(path).all(axis=1)
+    known = np.flatnonzero(seen)
+    variances = tracks.cov_world[tracks.observed][:, range(3), range(3)]
+    sigma_m = float(np.sqrt(np.median(variances)))
+    noise = local_noise(path[known]) / sigma_m
+    travel_m = float(np.linalg.norm(path[known] - path[known[0]], axis=1).max())
+    systematic = 0.0 if noise_known else config.systematic_share * travel_m / sigma_m
+    # A single marker sits on the handle, not in the middle of the part.
+    prior = replace(config.prior, hinge_distance_m=config.prior.handle_distance_m)
+    return _problem(
+        name=name,
+        points=tracks,
+        R_world_part=R_world_part,
+        keyframes=select_keyframes(path[known], known, config.max_frames),
+        guesses=guesses_from_path(path, seen),
+        noise=(noise_known, max(noise, 1e-3), max(noise, float(noise_known)), systematic),
+        centroid_world=path[known[0]],
+        lever_m=0.0,
+        travel_m=travel_m,
+        tracks_rejected=0,
+        config=replace(config, prior=prior),
+    )
+
+
+def _problem(
+    name: str,
+    points: PointTracks,
+    R_world_part: FloatArray | None,
+    keyframes: NDArray[np.int_],
+    guesses: list[JointGuess],
+    noise: tuple[bool, float, float, float],
+    centroid_world: FloatArray,
+    lever_m: float,
+    travel_m: float,
+    tracks_rejected: int,
+    config: FitConfig,
+) -> FitProblem:
+    """Restrict to the keyframes; `noise` is (known, start scale, local scale, systematic)."""
+    known, start, local, systematic = noise
+    k = keyframes
+    points = points.select(np.flatnonzero(points.observed[k].any(axis=0)))
+    return FitProblem(
+        name=name,
+        points=points,
+        keyframes=k,
+        observations=Observations(
+            TrackObservations.from_points(points.p_world[k], points.cov_world[k]),
+            None if R_world_part is None else R_world_part[k],
+            known,
+            systematic,
+        ),
+        guesses=[replace(guess, q=guess.q[k] - guess.q[k[0]]) for guess in guesses],
+        centroid_world=centroid_world,
+        lever_m=lever_m,
+        start=Scales(start, _START_ORIENTATION_RAD),
+        local_scale=local,
+        travel_m=travel_m,
+        tracks_rejected=tracks_rejected,
+        config=config,
+    )
