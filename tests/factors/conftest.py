@@ -60,10 +60,10 @@ def _build(
     states = STATES[case] if q is None else q
     turn = gtsam.Rot3.Expmap(FRAME_TURNS[case])
     T_world_joint = gtsam.Pose3(turn, np.array([0.2, -0.5, 0.9])).matrix()
-    x_joint = rng.uniform(-0.3, 0.3, (points, 3)) + [0.3, 0, 0]
+    x_joint = rng.uniform([0.0, -0.3, -0.3], [0.6, 0.3, 0.3], (points, 3))
     p = np.array([place(kind, T_world_joint, s, x_joint) for s in states])
     shape = (*p.shape[:2], 3, 3)
-    root = np.eye(3) + (0 if isotropic else 0.4) * rng.normal(size=shape)
+    root = np.eye(3) + (0 if isotropic else 0.2) * rng.normal(size=shape)
     unit = root @ root.swapaxes(-1, -2)
     p = p + sigma * np.einsum("tnij,tnj->tni", np.linalg.cholesky(unit), rng.normal(size=p.shape))
     return Scene(kind, T_world_joint, states, x_joint, p, unit * (sigma or 0.003) ** 2)

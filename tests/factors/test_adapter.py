@@ -137,6 +137,6 @@ def test_the_least_possible_cost_survives_rounding():
     """At twice_cost = g^T H^-1 g the last row is the root of a difference that may be negative."""
     information, gradient, _ = _quadratic(5)
     least = float(gradient @ np.linalg.solve(information, gradient))
-    A, e = square_root_rows(information, gradient, least * (1 - 1e-15))
+    _, e = square_root_rows(information, gradient, least * (1 - 1e-15))
     assert np.isfinite(e).all()
     assert_allclose(e @ e, least, rtol=1e-12)
