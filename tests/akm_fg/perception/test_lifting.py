@@ -105,3 +105,14 @@ def test_lost_tracks_stay_lost_and_lengths_must_agree() -> None:
     assert np.isnan(got.cov_world[0, 1]).all()
     with pytest.raises(ValueError, match="1 frames, but 2"):
         lift(tracks, [frame, frame], NOISE)
+
+
+def test_pixel_noise_moves_a_point_along_its_surface_never_off_it() -> None:
+    normal = (0.6, 0.2, 0.77)
+    exact = DepthNoiseModel(disparity_sigma_px=1e-5, floor_m=1e-7)
+    uv = queries(50)[None]
+    tracks = PixelTracks(uv, np.ones((1, 50), bool), np.full((1, 50), 0.5))
+    cov = lift(tracks, [frame_of(plane_depth(pixel_grid(), normal))], exact).cov_world[0]
+    n = T_WORLD_CAM.rotation().matrix() @ np.array(normal) / np.linalg.norm(normal)
+    assert np.sqrt(np.einsum("i,nij,j->n", n, cov, n)).max() < 1e-5
+    assert np.sqrt(np.trace(cov, axis1=1, axis2=2)).min() > 1e-3
