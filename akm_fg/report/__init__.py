@@ -1,0 +1,1 @@
+"""From one run to a page and tables that a stranger can read."""

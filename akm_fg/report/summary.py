@@ -1,0 +1,135 @@
+"""What a report needs to know of one run.
+
+All states are relative to the first frame of the recording, where the state is zero, and are
+signed along the estimated axis; metres or radians as the joint's states are.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Literal
+
+import numpy as np
+
+from akm_fg.estimation.posterior import ArticulationPosterior, StatePosterior
+from akm_fg.records import BoolArray, JointTruth, PixelTracks, Recording
+
+CONFIDENCE = 0.95
+"""A run says that it reached the target from this probability on (DESIGN: closed loop)."""
+
+Verdict = Literal["reached", "not reached", "modelled", "undecided", "failed"]
+
+
+def _require(condition: bool, message: str) -> None:
+    if not condition:
+        raise ValueError(message)
+
+
+@dataclass(frozen=True, slots=True)
+class PartTracks:
+    """Tracks in the image, and the part that each belongs to."""
+
+    pixels: PixelTracks  # T frames, N tracks
+    moving: BoolArray  # (N,) on the moving part
+    static: BoolArray  # (N,) at rest; neither of the two is rejected or open
+
+    def __post_init__(self) -> None:
+        want = (self.pixels.visible.shape[1],)
+        _require(self.moving.shape == want, f"moving {self.moving.shape}, expected {want}")
+        _require(self.static.shape == want, f"static {self.static.shape}, expected {want}")
+        _require(not (self.moving & self.static).any(), "a track is both moving and static")
+
+
+@dataclass(frozen=True, slots=True)
+class Goal:
+    """Where the part was wanted."""
+
+    target: float  # m or rad, relative to the first frame
+    tolerance: float  # same unit
+    unit: Literal["m", "rad"]
+
+    def __post_init__(self) -> None:
+        _require(bool(np.isfinite(self.target)), f"target {self.target} must be finite")
+        _require(self.tolerance > 0, f"tolerance {self.tolerance} must be > 0")
+
+
+@dataclass(frozen=True, slots=True)
+class RoundSummary:
+    """One round of the closed loop: move, then look."""
+
+    commanded: float | None  # state the hand was sent to; None where it only looked
+    state_mean: float  # the belief after looking
+    state_sd: float
+    p_within_tolerance: float  # probability that |state - target| <= tolerance
+
+
+@dataclass(frozen=True, slots=True)
+class RunSummary:
+    """One run, ready to be reported."""
+
+    title: str  # the object's or recording's name
+    command: str  # that repeats the run
+    seed: int
+    version: str
+    recording: Recording
+    tracks: PartTracks | None  # None where no point could be followed
+    posterior: ArticulationPosterior | None  # None where the run failed before
+    states: StatePosterior | None = None  # (T,) all frames; None: the posterior's own
+    truth: JointTruth | None = None  # for scoring alone; states (T,) of the recording's frames
+    goal: Goal | None = None  # None where the part was only observed
+    rounds: tuple[RoundSummary, ...] = ()
+    final_state_true: float | None = None  # measured when all motion had ended
+    closed_loop_frame: int | None = None  # first frame of the closed loop; None if there was none
+    time_s: dict[str, float] = field(default_factory=dict)  # stage -> seconds
+    failure: str | None = None  # the cause, one line
+
+    def __post_init__(self) -> None:
+        n = len(self.recording.frames)
+        if self.tracks is not None:
+            t = self.tracks.pixels.visible.shape[0]
+            _require(t <= n, f"tracks of {t} frames, recording of {n}")
+        states = self.frame_states
+        if states is not None:
+            _require(len(states.mean) <= n, f"{len(states.mean)} states, {n} frames")
+        first = self.closed_loop_frame
+        _require(first is None or 0 <= first < n, f"closed_loop_frame {first} outside 0..{n - 1}")
+
+    @property
+    def frame_states(self) -> StatePosterior | None:
+        """States per frame: the run's own belief, else those of the most probable kind."""
+        if self.states is not None or self.posterior is None:
+            return self.states
+        return self.posterior.best.states
+
+    @property
+    def claims_reached(self) -> bool:
+        """Whether the program itself believes that it reached the target."""
+        return bool(
+            self.failure is None
+            and self.rounds
+            and self.rounds[-1].p_within_tolerance >= CONFIDENCE
+        )
+
+    @property
+    def final_error(self) -> float | None:
+        """True final state minus target; None without target or truth."""
+        if self.goal is None or self.final_state_true is None:
+            return None
+        return self.final_state_true - self.goal.target
+
+    @property
+    def truly_within(self) -> bool | None:
+        """Whether the true state ended within the tolerance; None where it is not known."""
+        if self.goal is None or self.final_error is None:
+            return None
+        return abs(self.final_error) <= self.goal.tolerance
+
+    @property
+    def verdict(self) -> Verdict:
+        """The run in one word. Reached takes both: the program says so, and it is so if known."""
+        if self.goal is not None:
+            agreed = self.claims_reached and self.truly_within is not False
+            return "reached" if agreed else "not reached"
+        if self.failure is not None or self.posterior is None:
+            return "failed"
+        return "undecided" if self.posterior.kind == "undecided" else "modelled"
