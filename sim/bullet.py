@@ -86,7 +86,7 @@ def joint_index(client: int, body: int, name: str) -> int:
 
 def quaternion_xyzw(rotation: gtsam.Rot3) -> list[float]:
     """The quaternion in PyBullet's order."""
-    q = rotation.toQuaternion()
+    q: Any = rotation.toQuaternion()
     return [q.x(), q.y(), q.z(), q.w()]
 
 

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import tempfile
 from dataclasses import dataclass, field
+from pathlib import Path
 
+import cv2
 import gtsam
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import grey_erosion
 
 from akm_fg.records import FloatArray, PinholeCamera, RgbdFrame
 from sim.bullet import PANDA_URDF, load_urdf, p, quiet
@@ -64,7 +66,7 @@ def render(
     buffer = np.asarray(image[3], dtype=np.float64).reshape(h, w)
     near, far = config.near_m, config.far_m
     depth = far * near / (far - (far - near) * buffer)
-    return np.ascontiguousarray(rgb), np.where(buffer >= 1.0 - 1e-7, np.nan, depth)
+    return rgb.copy(), np.where(buffer >= 1.0 - 1e-7, np.nan, depth)
 
 
 def _projection(config: CameraConfig) -> list[float]:
@@ -74,6 +76,32 @@ def _projection(config: CameraConfig) -> list[float]:
     y = 2.0 * config.focal_px / config.height
     z, w = -(f + n) / (f - n), -2.0 * f * n / (f - n)
     return [x, 0, 0, 0, 0, y, 0, 0, 0, 0, z, -1, 0, 0, w, 0]
+
+
+def _render_room(
+    world: SimWorld, T_world_cam: gtsam.Pose3, config: CameraConfig
+) -> tuple[NDArray[np.uint8], FloatArray]:
+    """RGB and depth of the floor and the wall alone, which never move."""
+    with quiet():
+        client = int(p.connect(p.DIRECT))
+    try:
+        for urdf, T_world_box in world.room:
+            load_urdf(client, urdf, T_world_box)
+        return render(client, T_world_cam, config)
+    finally:
+        p.disconnect(physicsClientId=client)
+
+
+def _load_robot_outline(client: int) -> int:
+    """The robot drawn by its collision meshes: they enclose it and have few triangles."""
+    meshes = PANDA_URDF.parent / "meshes" / "collision"
+    text = PANDA_URDF.read_text(encoding="utf-8")
+    for folder in ("visual", "collision"):
+        text = text.replace(f"package://meshes/{folder}", meshes.as_posix())
+    with tempfile.TemporaryDirectory(prefix="akm-fg-sim-") as scratch:
+        path = Path(scratch) / "outline.urdf"
+        path.write_text(text, encoding="utf-8")
+        return load_urdf(client, path, gtsam.Pose3())
 
 
 class SimCamera:
@@ -94,7 +122,8 @@ class SimCamera:
         self._rng = np.random.default_rng([seed, 11])
         with quiet():
             self._robot_client = int(p.connect(p.DIRECT))
-        self._robot = load_urdf(self._robot_client, PANDA_URDF, gtsam.Pose3())
+        self._robot = _load_robot_outline(self._robot_client)
+        self._room = _render_room(world, T_world_cam, self.config)
 
     def close(self) -> None:
         """Frees the robot-only client."""
@@ -104,7 +133,7 @@ class SimCamera:
 
     def capture(self) -> RgbdFrame:
         """The scene now, with noise; pixels that show the robot carry no depth."""
-        rgb, exact = render(self._world.client, self.T_world_cam, self.config)
+        rgb, exact = self.exact()
         depth = noisy_depth(exact, self.intrinsics, self.config.noise, self._rng)
         robot = self.robot_depth()
         # A hole in front of the robot stays a hole; NaN compares False.
@@ -117,6 +146,14 @@ class SimCamera:
             T_world_cam=self.T_world_cam,
         )
 
+    def exact(self) -> tuple[NDArray[np.uint8], FloatArray]:
+        """RGB (H, W, 3) and depth (H, W) before noise and masking; the room is drawn only once."""
+        rgb, depth = render(self._world.client, self.T_world_cam, self.config)
+        room_rgb, room_depth = self._room
+        behind = ~(depth < np.where(np.isfinite(room_depth), room_depth, np.inf))
+        rgb[behind] = room_rgb[behind]
+        return rgb, np.where(behind, room_depth, depth)
+
     def robot_depth(self) -> FloatArray:
         """Depth (H, W) of the robot alone at its measured joint angles, grown; NaN elsewhere."""
         world = self._world
@@ -127,6 +164,7 @@ class SimCamera:
         scale = self.config.mask_scale
         _, small = render(self._robot_client, self.T_world_cam, self.config, scale)
         side = 2 * int(np.ceil(self.config.mask_grow_px / scale)) + 1
-        grown = grey_erosion(np.where(np.isfinite(small), small, np.inf), size=(side, side))
+        solid = np.where(np.isfinite(small), small, np.inf).astype(np.float32)
+        grown = cv2.erode(solid, np.ones((side, side), dtype=np.uint8))
         full = np.repeat(np.repeat(grown, scale, axis=0), scale, axis=1)
         return np.where(np.isfinite(full), full, np.nan)

@@ -24,6 +24,7 @@ class ViewConfig:
     azimuth_rad: float = np.deg2rad(48.0)  # from the front's normal, so that the arm hides little
     elevation_rad: float = np.deg2rad(28.0)
     ahead_m: float = 0.12  # the camera looks at a point this far in front of the front
+    below_m: float = 0.05  # and this far below its middle
 
 
 @dataclass(frozen=True, slots=True)
@@ -94,7 +95,7 @@ def camera_pose(world: SimWorld, view: ViewConfig) -> gtsam.Pose3:
     away = np.array([side * np.sin(az) * np.cos(el), -np.cos(az) * np.cos(el), np.sin(el)])
     depth, height = spec.size_m[1], spec.size_m[2]
     middle = height - spec.front_height_m / 2.0
-    target = np.array([0.0, -depth / 2.0 - view.ahead_m, middle - 0.05])
+    target = np.array([0.0, -depth / 2.0 - view.ahead_m, middle - view.below_m])
     eye = T_world_object.transformFrom(target + view.distance_m * away)
     return look_at(eye, T_world_object.transformFrom(target))
 

@@ -12,7 +12,7 @@ from akm_fg.errors import GraspFailed, MotionInfeasible
 from akm_fg.records import FloatArray, TimedPath
 from sim.bullet import p
 from sim.gripper import GripperConfig, SimGripper
-from sim.impedance import ImpedanceConfig, bounded, joint_torques
+from sim.impedance import ImpedanceConfig, joint_torques
 from sim.kinematics import N_ARM, Q_HOME, TAU_MAX, pose_error
 from sim.pulling import Pull, PullConfig
 from sim.reaching import (
@@ -90,9 +90,7 @@ class SimFranka:
             self._straight(T_world_grasp, self.config.reach.standoff_m, 0.0), tick_s
         )
         off_m = float(
-            np.linalg.norm(
-                self.T_world_gripper().translation() - T_world_grasp.translation()
-            )
+            np.linalg.norm(self.T_world_gripper().translation() - T_world_grasp.translation())
         )
         if off_m > self.config.arrival_m:
             raise GraspFailed(f"the approach was blocked {1e3 * off_m:.0f} mm before the grasp")
@@ -100,9 +98,7 @@ class SimFranka:
         if not self.holding():
             raise GraspFailed("the fingers met with nothing between them")
 
-    def pull(
-        self, direction_world: FloatArray, distance_m: float, tick_s: float
-    ) -> Iterator[None]:
+    def pull(self, direction_world: FloatArray, distance_m: float, tick_s: float) -> Iterator[None]:
         """Pull gently, starting along a unit vector, and follow where the part lets the hand go.
 
         Ends after `distance_m` of travelled path, or when the part does not give.
@@ -209,9 +205,7 @@ class SimFranka:
         while not pull.finished:
             q, dq, T, J, gravity = self._state()
             wrench = pull.wrench(T, J @ dq, self._dt)
-            yield joint_torques(
-                wrench, J, q, dq, self._q_rest, gravity, self.config.impedance
-            )
+            yield joint_torques(wrench, J, q, dq, self._q_rest, gravity, self.config.impedance)
 
     def _track(self, path: TimedPath) -> Iterator[FloatArray]:
         tracker = PathTracker(path, self.config.track)

@@ -133,9 +133,7 @@ class FrankaKinematics:
 
 def pose_error(target: FloatArray, T: FloatArray) -> FloatArray:
     """What moves T (4, 4) to target: translation [m], then rotation vector [rad], world axes."""
-    return np.concatenate(
-        [target[:3, 3] - T[:3, 3], rotation_vector(target[:3, :3] @ T[:3, :3].T)]
-    )
+    return np.concatenate([target[:3, 3] - T[:3, 3], rotation_vector(target[:3, :3] @ T[:3, :3].T)])
 
 
 def rotation_vector(R: FloatArray) -> FloatArray:

@@ -61,7 +61,13 @@ def box_faces(box: Box) -> tuple[FloatArray, FloatArray, FloatArray]:
     return np.array(corners), np.array(uvs), np.array(normals)
 
 
-def write_textured_boxes(path: Path, boxes: Sequence[Box], texture: str, split_m: float) -> None:
+def write_textured_boxes(
+    path: Path,
+    boxes: Sequence[Box],
+    texture: str,
+    split_m: float,
+    sides: Sequence[int] = tuple(range(6)),
+) -> None:
     """Writes an OBJ of boxes and its MTL, with sides cut into cells of at most `split_m`.
 
     Cutting keeps the renderer's triangles small, so that its lighting and clipping stay exact.
@@ -71,13 +77,16 @@ def write_textured_boxes(path: Path, boxes: Sequence[Box], texture: str, split_m
         boxes: the boxes, in the link frame, metres.
         texture: file name of the texture in the same folder.
         split_m: largest side of a cell, metres.
+        sides: which sides of each box to write: +x, -x, +y, -y, +z, -z.
     """
     lines = [f"mtllib {path.stem}.mtl", "usemtl surface"]
     count = 0
     for box in boxes:
-        for ring, uv, normal in zip(*box_faces(box), strict=True):
-            lines += _side_lines(ring, uv, normal, count, split_m)
-            count = sum(line.startswith("v ") for line in lines)
+        corners, uvs, normals = (part[list(sides)] for part in box_faces(box))
+        for ring, uv, normal in zip(corners, uvs, normals, strict=True):
+            side = _side_lines(ring, uv, normal, count, split_m)
+            lines += side
+            count += sum(line.startswith("v ") for line in side)
     path.write_text("\n".join(lines) + "\n", encoding="utf-8")
     path.with_suffix(".mtl").write_text(
         f"newmtl surface\nKa 1 1 1\nKd 1 1 1\nKs 0 0 0\nmap_Kd {texture}\n", encoding="utf-8"
@@ -108,9 +117,7 @@ def _side_lines(
     return lines
 
 
-def inertia_of_boxes(
-    boxes: Sequence[Box], mass_kg: float
-) -> tuple[FloatArray, FloatArray]:
+def inertia_of_boxes(boxes: Sequence[Box], mass_kg: float) -> tuple[FloatArray, FloatArray]:
     """Centre of mass (3,) and inertia (3, 3) about it, kg m^2, both in the link frame.
 
     The boxes share `mass_kg` by volume.

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import binary_dilation, gaussian_filter, maximum_filter, minimum_filter
 
-from akm_fg.records import BoolArray, FloatArray, PinholeCamera
+from akm_fg.records import BoolArray, PinholeCamera
+
+DepthImage = NDArray[np.floating]  # (H, W), metres along z
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,13 +47,15 @@ def noisy_rgb(
     """The image (H, W, 3) with white noise."""
     if config.rgb_sigma == 0.0:
         return rgb
-    noise = rng.standard_normal(rgb.shape, dtype=np.float32) * np.float32(config.rgb_sigma)
-    return np.asarray(np.clip(rgb + noise + 0.5, 0, 255), dtype=np.uint8)
+    noise = rng.standard_normal(rgb.shape, dtype=np.float32)
+    noise *= np.float32(config.rgb_sigma)
+    noise += rgb
+    return np.asarray(cv2.convertScaleAbs(np.maximum(noise, 0.0, out=noise)))  # rounds, saturates
 
 
 def noisy_depth(
-    depth_m: FloatArray, camera: PinholeCamera, config: NoiseConfig, rng: np.random.Generator
-) -> FloatArray:
+    depth_m: DepthImage, camera: PinholeCamera, config: NoiseConfig, rng: np.random.Generator
+) -> DepthImage:
     """Depth (H, W) as the camera would report it; NaN where it sees nothing.
 
     Args:
@@ -62,31 +66,30 @@ def noisy_depth(
     """
     if config.disparity_sigma_px is None:
         return depth_m
-    depth = np.where(np.isfinite(depth_m), depth_m, 50.0)
-    lost = depth > config.range_m[1]
-    lost |= depth < config.range_m[0]
+    depth = np.where(np.isfinite(depth_m), depth_m, 50.0).astype(np.float32)
+    lost = (depth > config.range_m[1]) | (depth < config.range_m[0])
     lost |= _stereo_shadow(depth, camera.fx * config.baseline_m)
-    lost |= rng.random(depth.shape) < _grazing_loss(depth, camera, config.grazing_cos)
-    near, far = minimum_filter(depth, 3), maximum_filter(depth, 3)
+    chance = rng.random((3, *depth.shape), dtype=np.float32)
+    lost |= chance[0] < _grazing_loss(depth, camera, config.grazing_cos)
+    window = np.ones((3, 3), dtype=np.uint8)
+    near, far = cv2.erode(depth, window), cv2.dilate(depth, window)
     edge = far - near > config.edge_jump_m * np.maximum(1.0, near) ** 2
-    chance = rng.random(depth.shape)
-    lost |= binary_dilation(edge, iterations=1) & (chance < config.edge_hole)
-    flying = edge & (chance > 1.0 - config.edge_flying)
-    mixed = near + rng.random(depth.shape) * (np.minimum(far, near + 0.5) - near)
-    depth = np.where(flying, mixed, depth)
-    depth = _through_disparity(depth, config, rng)
+    beside = cv2.dilate(edge.astype(np.uint8), window).astype(bool)
+    lost |= beside & (chance[1] < config.edge_hole)
+    flying = edge & (chance[1] > 1.0 - config.edge_flying)
+    mixed = near + chance[2] * (np.minimum(far, near + 0.5) - near)
+    depth = _through_disparity(np.where(flying, mixed, depth), config, rng)
     return np.where(lost, np.nan, depth)
 
 
 def _through_disparity(
-    depth: FloatArray, config: NoiseConfig, rng: np.random.Generator
-) -> FloatArray:
+    depth: DepthImage, config: NoiseConfig, rng: np.random.Generator
+) -> DepthImage:
     """Depth to disparity, plus correlated noise, quantised, and back."""
     assert config.disparity_sigma_px is not None
     fb = config.depth_focal_px * config.baseline_m
-    noise = gaussian_filter(
-        rng.standard_normal(depth.shape, dtype=np.float32), config.correlation_px, truncate=3.0
-    )
+    white = rng.standard_normal(depth.shape, dtype=np.float32)
+    noise = np.asarray(cv2.GaussianBlur(white, (0, 0), config.correlation_px))
     # A Gaussian blur of sd s leaves white noise with variance 1 / (4 pi s^2).
     noise *= config.disparity_sigma_px * 2.0 * np.sqrt(np.pi) * config.correlation_px
     step = config.disparity_step_px
@@ -94,7 +97,7 @@ def _through_disparity(
     return fb / np.maximum(disparity, step)
 
 
-def _stereo_shadow(depth: FloatArray, fb_px_m: float) -> BoolArray:
+def _stereo_shadow(depth: DepthImage, fb_px_m: float) -> BoolArray:
     """Pixels that the second imager, to the right, cannot see past something nearer."""
     seen_at = np.arange(depth.shape[1]) - fb_px_m / depth
     nearest_right = np.minimum.accumulate(seen_at[:, ::-1], axis=1)[:, ::-1]
@@ -103,15 +106,14 @@ def _stereo_shadow(depth: FloatArray, fb_px_m: float) -> BoolArray:
     return shadow
 
 
-def _grazing_loss(depth: FloatArray, camera: PinholeCamera, cos_start: float) -> FloatArray:
+def _grazing_loss(depth: DepthImage, camera: PinholeCamera, cos_start: float) -> DepthImage:
     """Chance of no return: 0 at `cos_start` of incidence, 0.9 edge-on."""
-    dz_dv, dz_du = np.gradient(depth)
-    # For a plane n.p = c the gradient of inverse depth gives n up to scale: stable on planes.
-    inv = 1.0 / depth
-    nx, ny = -dz_du * inv**2 * camera.fx, -dz_dv * inv**2 * camera.fy
-    u = (np.arange(depth.shape[1]) - camera.cx) / camera.fx
-    v = ((np.arange(depth.shape[0]) - camera.cy) / camera.fy)[:, None]
-    nz = inv - nx * u - ny * v
-    norm = np.sqrt(nx**2 + ny**2 + nz**2) * np.sqrt(u**2 + v**2 + 1.0)
-    cosine = np.abs(inv) / norm
-    return 0.9 * np.clip(1.0 - cosine / cos_start, 0.0, 1.0)
+    # For a plane n.p = 1 inverse depth is n.(x, y, 1): linear, so its gradient is exact.
+    inv = np.float32(1.0) / depth
+    ramp = cv2.Sobel(inv, cv2.CV_32F, 1, 0, ksize=1), cv2.Sobel(inv, cv2.CV_32F, 0, 1, ksize=1)
+    nx, ny = ramp[0] * (0.5 * camera.fx), ramp[1] * (0.5 * camera.fy)
+    x = ((np.arange(depth.shape[1]) - camera.cx) / camera.fx).astype(np.float32)
+    y = ((np.arange(depth.shape[0]) - camera.cy) / camera.fy).astype(np.float32)[:, None]
+    nz = inv - nx * x - ny * y
+    cosine = inv / np.sqrt((nx**2 + ny**2 + nz**2) * (x**2 + y**2 + 1.0))
+    return np.asarray(0.9 * np.clip(1.0 - cosine / cos_start, 0.0, 1.0))

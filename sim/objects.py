@@ -176,9 +176,7 @@ def _box(collision: ET.Element) -> Box:
         material = "handle"
     elif name.endswith(("board_0", "_door")) or "closed" in name:
         material = "front"
-    T_link_box = gtsam.Pose3(
-        gtsam.Rot3.RzRyRx(*rpy), _numbers(collision.find("origin"), "xyz")
-    )
+    T_link_box = gtsam.Pose3(gtsam.Rot3.RzRyRx(*rpy), _numbers(collision.find("origin"), "xyz"))
     return Box(name, _numbers(collision.find("geometry/box"), "size"), T_link_box, material)
 
 

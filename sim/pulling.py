@@ -40,7 +40,11 @@ class Pull:
     """State of one pull; `wrench` is called once a control step."""
 
     def __init__(
-        self, direction_world: FloatArray, distance_m: float, T_start: FloatArray, config: PullConfig
+        self,
+        direction_world: FloatArray,
+        distance_m: float,
+        T_start: FloatArray,
+        config: PullConfig,
     ) -> None:
         self._config = config
         self._direction = direction_world / np.linalg.norm(direction_world)

@@ -11,8 +11,8 @@ import cv2
 import gtsam
 import numpy as np
 
-from akm_fg.records import JointTruth
-from sim.bullet import PANDA_URDF, joint_index, load_urdf, p, quiet
+from akm_fg.records import FloatArray, JointTruth
+from sim.bullet import PANDA_URDF, joint_index, load_urdf, p, quaternion_xyzw, quiet
 from sim.kinematics import N_ARM, Q_HOME, FrankaKinematics
 from sim.meshes import Box, write_textured_boxes
 from sim.objects import PART_JOINT, build_object, sample_object
@@ -31,6 +31,14 @@ class WorldConfig:
     finger_spin_m: float = 0.005  # torsional friction, 2/3 mu r of a pad of 8 mm radius
 
 
+ROOM_CELL_M = 1.5  # side of a cell of the floor and the wall
+ROOM_URDF = (
+    '<robot name="{name}"><link name="{name}"><inertial><mass value="0"/>'
+    '<inertia ixx="0" iyy="0" izz="0" ixy="0" ixz="0" iyz="0"/></inertial>'
+    '<visual><geometry><mesh filename="{name}.obj"/></geometry></visual></link></robot>'
+)
+
+
 class SimWorld:
     """The physics of one object and one robot. A context manager; deterministic by seed.
 
@@ -43,6 +51,7 @@ class SimWorld:
         self.kinematics = FrankaKinematics()
         self._steps = 0
         self._entered = False
+        self.room: list[tuple[Path, gtsam.Pose3]] = []  # looks of floor and wall
 
     def __enter__(self) -> SimWorld:
         self._folder = tempfile.TemporaryDirectory(prefix="akm-fg-sim-")
@@ -53,16 +62,14 @@ class SimWorld:
             self.client = int(p.connect(p.DIRECT))
         self._entered = True
         self._set_physics()
-        self._add_room(folder)
-        self.object_id = load_urdf(
-            self.client, self.built.urdf, self.placement.T_world_object
-        )
-        self.part_joint = joint_index(self.client, self.object_id, PART_JOINT)
-        self._furnish()
         self.robot_id = load_urdf(
             self.client, PANDA_URDF, gtsam.Pose3(), p.URDF_USE_INERTIA_FROM_FILE
         )
         self._set_up_robot()
+        self.object_id = load_urdf(self.client, self.built.urdf, self.placement.T_world_object)
+        self.part_joint = joint_index(self.client, self.object_id, PART_JOINT)
+        self._furnish()
+        self._add_room(folder)
         return self
 
     def __exit__(
@@ -94,9 +101,7 @@ class SimWorld:
 
     def set_part_state(self, state: float) -> None:
         """Puts the part at a state (m or rad), at rest; for starting a task part-way open."""
-        p.resetJointState(
-            self.object_id, self.part_joint, state, 0.0, physicsClientId=self.client
-        )
+        p.resetJointState(self.object_id, self.part_joint, state, 0.0, physicsClientId=self.client)
 
     def truth(self) -> JointTruth:
         """The true joint and its state now. For scoring alone: nothing on the robot sees it."""
@@ -120,27 +125,40 @@ class SimWorld:
         )
 
     def _add_room(self, folder: Path) -> None:
-        """A floor and a wall a hand's breadth behind the cabinet, as textured boxes."""
+        """A floor and a wall a hand's breadth behind the cabinet.
+
+        Here they are collision shapes alone; their looks never change and are drawn once, by
+        the camera, from the files written here.
+        """
         rng = np.random.default_rng([self.spec.seed, 9])
         T, depth = self.placement.T_world_object, self.spec.size_m[1]
         T_floor = gtsam.Pose3(gtsam.Rot3(), np.array([0.0, 0.0, -0.025]))
         behind = gtsam.Pose3(gtsam.Rot3(), np.array([0.0, depth / 2 + 0.1, 1.5]))
-        for name, image, size, T_world_box in (
-            ("floor", floor(rng), [6.0, 6.0, 0.05], T_floor),
-            ("wall", plaster(rng), [6.0, 0.05, 3.0], T * behind),
+        for name, image, size, T_world_box, side in (
+            ("floor", floor(rng), [9.0, 9.0, 0.05], T_floor, 4),
+            ("wall", plaster(rng), [9.0, 0.05, 3.0], T * behind, 3),
         ):
             cv2.imwrite(str(folder / f"{name}.png"), image[..., ::-1])
             box = Box(name, np.array(size), gtsam.Pose3(), name)
-            write_textured_boxes(folder / f"{name}.obj", [box], f"{name}.png", split_m=1.0)
-            xml = (
-                f'<robot name="{name}"><link name="{name}"><inertial><mass value="0"/>'
-                '<inertia ixx="0" iyy="0" izz="0" ixy="0" ixz="0" iyz="0"/></inertial>'
-                f'<visual><geometry><mesh filename="{name}.obj"/></geometry></visual>'
-                f'<collision><geometry><box size="{size[0]} {size[1]} {size[2]}"/></geometry>'
-                "</collision></link></robot>"
-            )
-            (folder / f"{name}.urdf").write_text(xml, encoding="utf-8")
-            load_urdf(self.client, folder / f"{name}.urdf", T_world_box)
+            path = folder / f"{name}.obj"
+            write_textured_boxes(path, [box], f"{name}.png", split_m=ROOM_CELL_M, sides=[side])
+            self._add_wall(np.array(size), T_world_box)
+            urdf = path.with_suffix(".urdf")
+            urdf.write_text(ROOM_URDF.format(name=name), encoding="utf-8")
+            self.room.append((urdf, T_world_box))
+
+    def _add_wall(self, size_m: FloatArray, T_world_box: gtsam.Pose3) -> None:
+        shape = p.createCollisionShape(
+            p.GEOM_BOX, halfExtents=(size_m / 2.0).tolist(), physicsClientId=self.client
+        )
+        p.createMultiBody(
+            0.0,
+            shape,
+            -1,
+            T_world_box.translation().tolist(),
+            quaternion_xyzw(T_world_box.rotation()),
+            physicsClientId=self.client,
+        )
 
     def _furnish(self) -> None:
         """Coulomb friction as a velocity motor of bounded force; viscous damping; contact."""
