@@ -26,6 +26,7 @@ from numpy.typing import NDArray
 from akm_fg.perception.affine_match import (
     AffineMatchConfig,
     GrayImage,
+    Matches,
     Templates,
     cut_templates,
     match,
@@ -45,7 +46,7 @@ class FlowTrackerConfig:
     sure_correlation: float = 0.9  # to accept a point again that was lost
     max_shift_px: float = 4.0  # from the prediction: more is another, similar place
     max_sigma_px: float = 1.5  # 3 mm at 1.2 m: as large as the depth noise
-    floor_sigma_px: float = 0.15  # sampling and shading errors that no patch statistic shows
+    floor_sigma_px: float = 0.1  # sampling and shading errors, which no patch statistic shows
     match_scale: float = 1.0  # calibration of the patch's variance, see the tests
     max_coast: int = 10  # frames for which a covered point is looked for at its old place
     hole_radius_px: int = 4  # neighbourhood in which depth is looked for: holes are smaller
@@ -144,21 +145,14 @@ class FlowTracker:
         uv, shape = m.uv, m.shape
         drift = s.anchor_drift[tried] + c.match_scale * m.sigma_px**2
 
-        # The query's patch no longer fits: go on from a patch of the last frame.
         anew = np.flatnonzero(~fits & was_seen & returned)
         if anew.size:
             i = tried[anew]
-            s.templates.put(i, cut_templates(old_image, s.uv[i], c.patch))
-            s.anchor_drift[i] = s.drift[i]
-            flat = np.tile(np.eye(2), (len(i), 1, 1))
-            n = match(
-                image, s.templates, i, predicted[anew], flat, np.sqrt(step_var[anew]), c.patch
-            )
+            n = self._anchor_anew(s, i, predicted[anew], step_var[anew], old_image, image)
             shift = np.linalg.norm(n.uv - predicted[anew], axis=1)
             fits[anew] = (n.correlation > c.min_correlation) & (shift < c.max_shift_px)
             uv[anew], shape[anew] = n.uv, n.shape
             drift[anew] = s.anchor_drift[i] + c.match_scale * n.sigma_px**2
-
         depth_m, known = _depth_around(frame, uv, c)
         limit = np.where(was_seen, c.max_depth_jump_m, c.max_moved_back_m)
         jumped = np.abs(depth_m - s.depth_m[tried]) > limit
@@ -169,6 +163,22 @@ class FlowTracker:
         s.depth_m[found] = np.where(np.isfinite(depth_m[good]), depth_m[good], s.depth_m[found])
         s.alive[tried] = good
         s.missed[tried] = np.where(good, 0, s.missed[tried] + 1)
+
+    def _anchor_anew(
+        self,
+        s: _State,
+        index: NDArray,
+        predicted: FloatArray,
+        step_var: FloatArray,
+        old_image: GrayImage,
+        image: GrayImage,
+    ) -> Matches:
+        """Find points whose query patch no longer fits by their patch of the last frame."""
+        patch = self.config.patch
+        s.templates.put(index, cut_templates(old_image, s.uv[index], patch))
+        s.anchor_drift[index] = s.drift[index]
+        flat = np.tile(np.eye(2), (len(index), 1, 1))
+        return match(image, s.templates, index, predicted, flat, np.sqrt(step_var), patch)
 
 
 class _DisFlow:

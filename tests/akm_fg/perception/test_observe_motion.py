@@ -32,7 +32,7 @@ def test_the_part_is_told_from_the_body(name: str, request) -> None:
 
 @pytest.mark.parametrize("name", ["door", "drawer"])
 def test_the_moving_points_are_where_they_are_said_to_be(name: str, request) -> None:
-    """NEES of 3 is honest; tracks are claimed to 0.15 px and do better here: 1 to 3."""
+    """NEES of 3 is honest; tracks are claimed to 0.1 px and mostly do better here."""
     clip = request.getfixturevalue(name)
     observed = observe_motion(clip.recording)
     index = np.flatnonzero(observed.segmentation.moving)[::4]

@@ -1,0 +1,84 @@
+"""Posteriors as JSON. Format: docs/conventions.md."""
+
+from __future__ import annotations
+
+import json
+import math
+from typing import Any
+
+import numpy as np
+
+from akm_fg.estimation.posterior import ArticulationPosterior, JointPosterior, KindPosterior
+from akm_fg.records import FloatArray
+
+SCHEMA = "akm-fg/posterior/1"
+
+
+def posterior_as_dict(posterior: ArticulationPosterior) -> dict[str, Any]:
+    """Plain numbers, lists and strings; unknown is None.
+
+    `joint` and `states` are those of the most probable kind, named in `joint.kind`; `kind` itself
+    may be "undecided".
+    """
+    best = posterior.best
+    most_probable = next(k for k, v in posterior.alternatives.items() if v is best)
+    return {
+        "schema": SCHEMA,
+        "input": posterior.name,
+        "frame": "world",
+        "kind": posterior.kind,
+        "kind_probability": posterior.kind_probability,
+        "joint": _joint(best.joint),
+        "states": None
+        if best.states is None
+        else {
+            "unit": best.states.unit,
+            "mean": _numbers(best.states.mean),
+            "sd": _numbers(best.states.sd),
+        },
+        "alternatives": {
+            kind: _alternative(alternative)
+            for kind, alternative in posterior.alternatives.items()
+            if kind != most_probable
+        },
+        "fit": {
+            "log_evidence": posterior.fit.log_evidence,
+            "tracks_used": posterior.fit.tracks_used,
+            "tracks_rejected": posterior.fit.tracks_rejected,
+            "rms_m": posterior.fit.rms_m,
+            "noise_scale": posterior.fit.noise_scale,
+            "correlation_frames": posterior.fit.correlation_frames,
+            "parametric": posterior.fit.parametric,
+            "warnings": list(posterior.fit.warnings),
+        },
+        "time_s": posterior.time_s,
+    }
+
+
+def posterior_as_line(posterior: ArticulationPosterior) -> str:
+    """One line of strict JSON (no NaN), without the newline."""
+    return json.dumps(posterior_as_dict(posterior), allow_nan=False)
+
+
+def _alternative(alternative: KindPosterior) -> dict[str, Any]:
+    return {"joint": _joint(alternative.joint), "log_evidence": alternative.log_evidence}
+
+
+def _joint(joint: JointPosterior | None) -> dict[str, Any] | None:
+    if joint is None:
+        return None
+    return {
+        "kind": joint.kind,
+        "T_world_joint": joint.T_world_joint.tolist(),
+        "cov": joint.cov.tolist(),
+        "gauge": list(joint.gauge),
+        "axis": joint.axis.tolist(),
+        "pivot": None if joint.pivot is None else joint.pivot.tolist(),
+        "axis_sd_deg": math.degrees(joint.axis_sd_rad),
+        "pivot_sd_m": joint.pivot_sd_m,
+        "pitch_m_per_rad": None,
+    }
+
+
+def _numbers(values: FloatArray) -> list[float | None]:
+    return [float(v) if np.isfinite(v) else None for v in values]
