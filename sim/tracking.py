@@ -26,6 +26,7 @@ class TrackConfig:
     integral_max_n: float = 25.0
     rest_m_s: float = 0.0015  # slower is at rest
     rest_s: float = 0.3  # for this long
+    arrived_m: float = 0.0007  # the integral may go on until the error along the path is less
     settle_max_s: float = 3.0  # after the path's end, then give up waiting
 
 
@@ -85,7 +86,7 @@ class PathTracker:
         self._integrate(error[:3], dt)
         force = c.stiffness_n_m * error[:3] + c.damping_n_s_m * (velocity[:3] - twist[:3])
         moment = c.rotation_n_m_rad * error[3:] + c.rotation_damping * (velocity[3:] - twist[3:])
-        self._advance(twist, dt)
+        self._advance(twist, abs(float(self._tangent() @ error[:3])), dt)
         return np.concatenate(
             [bounded(force + self._extra, c.force_max_n), bounded(moment, c.moment_max_n_m)]
         )
@@ -109,12 +110,13 @@ class PathTracker:
                 return step / np.linalg.norm(step)
         return np.zeros(3)
 
-    def _advance(self, twist: FloatArray, dt: float) -> None:
+    def _advance(self, twist: FloatArray, left_m: float, dt: float) -> None:
         c = self._config
         self._time += dt
         late = self._time - float(self._path.stamps_s[-1])
         if late <= 0.0:
             return
         moving = np.linalg.norm(twist[:3]) > c.rest_m_s or np.linalg.norm(twist[3:]) > 0.01
+        moving |= left_m > c.arrived_m and late < 0.6 * c.settle_max_s
         self._rest_for = 0.0 if moving else self._rest_for + dt
         self.finished = self._rest_for >= c.rest_s or late >= c.settle_max_s
