@@ -1,0 +1,108 @@
+"""From the poses of one marker to a posterior, with nothing known of the noise."""
+
+import gtsam
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+from akm_fg.errors import TracksLost
+from akm_fg.estimation.fit import fit_poses
+from akm_fg.records import PoseTrack
+
+
+def _handle(seed, kind, travel, frames=60, noise_m=0.001, noise_rad=0.01):
+    """A marker on a handle half a metre from the hinge; returns track, axis, pivot, states."""
+    rng = np.random.default_rng(seed)
+    W = gtsam.Pose3.Expmap(np.concatenate([rng.normal(size=3), rng.normal(size=3) / 2]))
+    q = np.linspace(0, travel, frames)
+    p, R = [], []
+    for state in q:
+        if kind == "revolute":
+            motion = gtsam.Pose3(gtsam.Rot3.Rz(state), np.zeros(3))
+        else:
+            motion = gtsam.Pose3(gtsam.Rot3(), np.array([0, 0, state]))
+        pose = W * motion * gtsam.Pose3(gtsam.Rot3.Ry(0.4), np.array([0.5, 0.0, 0.1]))
+        p.append(pose.translation() + noise_m * rng.normal(size=3))
+        R.append(pose.rotation().retract(noise_rad * rng.normal(size=3)).matrix())
+    R_world = W.rotation().matrix()
+    return PoseTrack(np.array(p), np.array(R)), R_world[:, 2], W.translation(), q
+
+
+TRAVEL = {"revolute": 1.0, "prismatic": 0.3}
+
+
+def test_noise_free_poses_give_the_truth_back(kind):
+    poses, axis, pivot, q = _handle(0, kind, TRAVEL[kind], noise_m=0.0, noise_rad=0.0)
+    posterior = fit_poses(poses)
+    fit = posterior.best
+    assert posterior.kind == kind
+    assert_allclose(fit.joint.axis, axis, atol=1e-5)
+    assert_allclose(fit.states.mean, q, atol=1e-5)
+    if kind == "revolute":
+        across = np.cross(fit.joint.pivot - pivot, axis)
+        assert_allclose(across, 0.0, atol=1e-5)
+
+
+@pytest.mark.parametrize("with_orientations", [True, False])
+def test_noisy_poses_or_positions_give_the_kind_and_the_axis(kind, with_orientations):
+    poses, axis, _, q = _handle(1, kind, TRAVEL[kind])
+    if not with_orientations:
+        poses = PoseTrack(poses.p_world)
+    posterior = fit_poses(poses)
+    assert posterior.kind == kind
+    assert np.degrees(np.arccos(min(posterior.best.joint.axis @ axis, 1.0))) < 2.0
+    assert_allclose(posterior.best.states.mean, q, atol=0.03)
+
+
+def test_a_drawer_with_one_orientation_off_by_45_degrees_stays_a_drawer():
+    poses, axis, _, _ = _handle(2, "prismatic", 0.3)
+    clean = fit_poses(poses)
+    poses.R_world_part[25] = poses.R_world_part[25] @ gtsam.Rot3.Ry(np.pi / 4).matrix()
+    posterior = fit_poses(poses)
+    assert posterior.kind == "prismatic"
+    assert posterior.fit.parametric
+    assert_allclose(posterior.best.joint.axis, clean.best.joint.axis, atol=2e-3)
+    assert_allclose(posterior.best.joint.axis, axis, atol=0.02)
+
+
+def test_a_door_with_one_orientation_flipped_stays_a_door():
+    poses, axis, _, _ = _handle(3, "revolute", 1.0)
+    poses.R_world_part[25] = poses.R_world_part[25] @ gtsam.Rot3.Rx(np.pi).matrix()
+    posterior = fit_poses(poses)
+    assert posterior.kind == "revolute"
+    assert_allclose(posterior.best.joint.axis, axis, atol=0.03)
+
+
+def test_a_drawer_with_one_position_off_by_ten_centimetres_stays_a_drawer():
+    poses, axis, _, _ = _handle(4, "prismatic", 0.3)
+    poses.p_world[40] += [0.1, 0.0, 0.0]
+    posterior = fit_poses(poses)
+    assert posterior.kind == "prismatic"
+    assert_allclose(posterior.best.joint.axis, axis, atol=0.03)
+
+
+def test_orientations_make_the_axis_of_a_door_better_known():
+    poses, *_ = _handle(5, "revolute", 0.3)
+    with_them = fit_poses(poses).alternatives["revolute"].joint.axis_sd_rad
+    without = fit_poses(PoseTrack(poses.p_world)).alternatives["revolute"].joint.axis_sd_rad
+    assert with_them < without
+
+
+def test_a_marker_at_rest_is_rigid_or_undecided():
+    rng = np.random.default_rng(6)
+    posterior = fit_poses(PoseTrack(np.array([1.0, 2.0, 3.0]) + 0.001 * rng.normal(size=(60, 3))))
+    assert posterior.kind in ("rigid", "undecided")
+    assert max(posterior.kind_probability, key=posterior.kind_probability.get) == "rigid"
+
+
+def test_probabilities_sum_to_one_and_states_cover_every_frame():
+    poses, *_ = _handle(7, "revolute", 1.0, frames=150)
+    posterior = fit_poses(poses)
+    assert_allclose(sum(posterior.kind_probability.values()), 1.0)
+    assert posterior.best.states.mean.shape == posterior.best.states.sd.shape == (150,)
+    assert np.isfinite(posterior.best.states.mean).all()
+
+
+def test_one_pose_is_not_enough():
+    with pytest.raises(TracksLost, match=r"hatch: one frame"):
+        fit_poses(PoseTrack(np.zeros((1, 3))), name="hatch")
