@@ -17,7 +17,7 @@ Image = NDArray[np.uint8]
 Colour = tuple[int, int, int]
 
 _SUBPIXEL_BITS = 4  # of OpenCV's fixed-point coordinates
-_DASH_SHARE = 24  # a dashed line is cut in this many pieces, every other drawn
+_DASH_PX = 12.0  # of the enlarged image
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,6 +70,11 @@ class _Canvas:
         self.rgb[:] = np.rint(blended).astype(np.uint8)
 
 
+def enlargement(width_px: int, config: OverlayConfig) -> int:
+    """Whole factor by which a frame of this width is enlarged before drawing."""
+    return max(1, -(-config.min_width_px // width_px))
+
+
 def draw_frame(
     frame: RgbdFrame,
     index: int,
@@ -85,7 +90,8 @@ def draw_frame(
         frame: the picture and its camera.
         index: of the frame in the tracks.
         tracks: dots where the points are now, tails where they were.
-        joint: axis with its 95 % band; its pivot's or arrow tip's 95 % ellipse.
+        joint: hinge axis with its 95 % band and its pivot's 95 % ellipse, or sliding direction
+            with its 95 % cone.
         state: of the joint in this frame, metres or radians; NaN where unknown.
         truth: its axis, dashed.
         config: looks.
@@ -94,14 +100,17 @@ def draw_frame(
         RGB (k H, k W, 3), k the whole factor that reaches `min_width_px`.
     """
     config = config or OverlayConfig()
-    scale = max(1, -(-config.min_width_px // frame.camera.width))
+    scale = enlargement(frame.camera.width, config)
     size = (frame.camera.width * scale, frame.camera.height * scale)
     enlarged = cv2.resize(frame.rgb, size, interpolation=cv2.INTER_CUBIC)
     canvas = _Canvas(np.ascontiguousarray(enlarged, dtype=np.uint8), scale)
+    drawn = None if joint is None else _drawn_axis(frame, joint, state, config)
+    if joint is not None and drawn is not None:  # below the dots, which keep their colours
+        _draw_region(canvas, *drawn, joint.kind, config)
     if tracks is not None and index < len(tracks.pixels.visible):
         _draw_tracks(canvas, index, tracks, config)
-    if joint is not None:
-        _draw_joint(canvas, frame, joint, state, config)
+    if joint is not None and drawn is not None:
+        _draw_line(canvas, *drawn, config)
         if truth is not None and truth.kind == joint.kind:
             _draw_truth(canvas, frame, joint, state, truth, config)
     return canvas.rgb
@@ -127,18 +136,32 @@ def _draw_tracks(canvas: _Canvas, index: int, tracks: PartTracks, config: Overla
             canvas.disc(uv[-1, i], colour, 3.0)
 
 
-def _draw_joint(
-    canvas: _Canvas, frame: RgbdFrame, joint: JointPosterior, state: float, config: OverlayConfig
-) -> None:
+def _drawn_axis(
+    frame: RgbdFrame, joint: JointPosterior, state: float, config: OverlayConfig
+) -> tuple[AxisInImage, FloatArray] | None:
+    """The axis and its 95 % ellipse (n, 2); None where the camera does not see it."""
     reach = config.arrow_m if joint.kind == "prismatic" else config.reach_m
     axis = axis_of_joint(joint, state, frame.camera, frame.T_world_cam, reach)
     if len(axis.uv) < 2:
-        return
-    drawable = np.isfinite(axis.normal).all(axis=1)
-    if drawable.all():
+        return None
+    return axis, axis.ellipse(reach if joint.kind == "prismatic" else 0.0)
+
+
+def _draw_region(
+    canvas: _Canvas, axis: AxisInImage, ellipse: FloatArray, kind: str, config: OverlayConfig
+) -> None:
+    """The band of a hinge axis, the cone of a sliding direction."""
+    if kind == "prismatic":
+        cone = np.concatenate([axis.uv[:1], ellipse]).astype(np.float32)
+        hull = np.asarray(cv2.convexHull(cone)[:, 0], dtype=np.float64)
+        canvas.fill(hull, config.axis, config.band_alpha)
+    elif np.isfinite(axis.normal).all():
         canvas.fill(axis.band(), config.axis, config.band_alpha)
-    ellipse = axis.ellipse(reach if joint.kind == "prismatic" else 0.0)
-    canvas.fill(ellipse, config.axis, config.band_alpha)
+
+
+def _draw_line(
+    canvas: _Canvas, axis: AxisInImage, ellipse: FloatArray, config: OverlayConfig
+) -> None:
     canvas.lines(axis.uv, config.outline, 5)
     canvas.lines(axis.uv, config.axis, 3)
     _draw_arrow_head(canvas, axis, config)
@@ -186,8 +209,13 @@ def _draw_truth(
     elif np.isfinite(state):
         T[:3, 3] += state * joint.axis
     start = 0.0 if joint.kind == "prismatic" else -reach
-    along = np.linspace(start, reach, 2 * _DASH_SHARE)
+    along = np.linspace(start, reach, 101)
     line = project_axis(T, np.zeros((6, 6)), frame.camera, frame.T_world_cam, along).uv
+    if len(line) < 2:
+        return
+    length_px = float(np.linalg.norm(line[-1] - line[0])) * canvas.scale
+    n = max(2, 2 * round(length_px / (2 * _DASH_PX)))
+    line = np.linspace(line[0], line[-1], n)
     for i in range(0, len(line) - 1, 2):
         canvas.lines(line[i : i + 2], config.outline, 3)
         canvas.lines(line[i : i + 2], config.truth, 1)

@@ -9,12 +9,12 @@ import numpy as np
 
 from akm_fg.estimation.posterior import JointPosterior
 from akm_fg.report.axis_image import axis_of_joint
-from akm_fg.report.overlay import Image, OverlayConfig, draw_frame
+from akm_fg.report.overlay import Image, OverlayConfig, draw_frame, enlargement
 from akm_fg.report.summary import RunSummary
 from akm_fg.report.wording import size, state
 
 _JPEG_QUALITY = 85
-_THIN_BAND_PX = 2.0  # half width below which the axis line hides its band
+_THIN_BAND_PX = 3.0  # half width in the enlarged picture below which the line hides its band
 
 
 @dataclass(frozen=True, slots=True)
@@ -90,13 +90,17 @@ def _width_note(summary: RunSummary, joint: JointPosterior, config: OverlayConfi
     axis = axis_of_joint(joint, 0.0, frame.camera, frame.T_world_cam, reach)
     inside = ((axis.uv >= 0) & (axis.uv < (frame.camera.width, frame.camera.height))).all(axis=1)
     half = axis.half_width_px[inside & np.isfinite(axis.half_width_px)]
+    half = half * enlargement(frame.camera.width, config)
     if not inside.any():
         return ". It lies outside the picture."
     if not half.size:
         return ". The camera looks along it, so it shows as a point."
+    name = "cone" if joint.kind == "prismatic" else "band"
     if half.max() < _THIN_BAND_PX:
-        return f". Its band is at most {half.max():.1f} px to either side: the line hides it."
-    return f". Its band is up to {half.max():.0f} px to either side."
+        return (
+            f". Its {name} is at most {half.max():.1f} px wide to either side: the line hides it."
+        )
+    return f". Its {name} reaches up to {half.max():.0f} px to either side of the line."
 
 
 def _jpeg(image: Image) -> bytes:

@@ -14,7 +14,7 @@ from akm_fg.estimation.posterior import (
 )
 from akm_fg.report.score import Score, coverage, score
 from akm_fg.report.summary import RunSummary
-from akm_fg.report.wording import NONE, per_cent, probability, signed, size, state, vector
+from akm_fg.report.wording import NONE, chosen, per_cent, signed, size, state, vector
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,7 +58,7 @@ def most_probable(posterior: ArticulationPosterior) -> str:
 
 
 def _kind_row(posterior: ArticulationPosterior, summary: RunSummary, found: Score | None) -> Row:
-    bound = "probability " + probability(posterior.kind_probability[most_probable(posterior)])
+    bound = "probability " + per_cent(posterior.kind_probability[most_probable(posterior)])
     if summary.truth is None or found is None:
         return Row("joint kind", kind_words(posterior), bound)
     if found.kind_correct:
@@ -142,7 +142,7 @@ def _final_rows(summary: RunSummary) -> list[Row]:
     bound = normal_bound() * end.state_sd
     true = summary.final_state_true
     error = None if true is None else end.state_mean - true
-    target = f"{state(goal.target, goal.unit)} ± {size(goal.tolerance, goal.unit)}"
+    target = f"{chosen(goal.target, goal.unit)} ± {chosen(goal.tolerance, goal.unit)}"
     return [
         Row(
             f"final state (target {target})",

@@ -17,7 +17,7 @@ from akm_fg.records import BoolArray, JointTruth, PixelTracks, Recording
 CONFIDENCE = 0.95
 """A run says that it reached the target from this probability on (DESIGN: closed loop)."""
 
-Verdict = Literal["reached", "not reached", "modelled", "undecided", "failed"]
+Verdict = Literal["reached", "not reached", "modelled", "wrong", "undecided", "failed"]
 
 
 def _require(condition: bool, message: str) -> None:
@@ -132,4 +132,7 @@ class RunSummary:
             return "reached" if agreed else "not reached"
         if self.failure is not None or self.posterior is None:
             return "failed"
-        return "undecided" if self.posterior.kind == "undecided" else "modelled"
+        if self.posterior.kind == "undecided":
+            return "undecided"
+        right = self.truth is None or self.truth.kind == self.posterior.kind
+        return "modelled" if right else "wrong"

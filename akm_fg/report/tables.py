@@ -18,7 +18,6 @@ def posterior_table(posteriors: Sequence[ArticulationPosterior]) -> Table:
 
     Where a kind is undecided, the numbers are those of the most probable kind.
     """
-    notes = [_notes(p) for p in posteriors]
     table = Table(show_lines=len(posteriors) > 1)
     table.add_column("input", overflow="fold", min_width=6)
     table.add_column("kind\nprobability", no_wrap=True)
@@ -26,11 +25,13 @@ def posterior_table(posteriors: Sequence[ArticulationPosterior]) -> Table:
     table.add_column("pivot [cm]\n95 % bound [cm]", justify="right", overflow="fold")
     table.add_column("last state\n95 % bound", justify="right", no_wrap=True)
     table.add_column("tracks used\n/ rejected", justify="right")
-    if any(notes):
-        table.add_column("notes", overflow="fold", min_width=10)
-    for posterior, note in zip(posteriors, notes, strict=True):
-        cells = (posterior.name, *_cells(posterior)) + ((note,) if any(notes) else ())
+    for posterior in posteriors:
+        cells = (posterior.name, *_cells(posterior))
         table.add_row(*(Text(cell) for cell in cells))  # Text: names may hold rich's markup
+    noted = [f"{p.name}: {note}" for p in posteriors if (note := _notes(p))]
+    if noted:  # below the table, because a column would leave no room for the numbers
+        table.caption = Text("\n".join(noted))
+        table.caption_justify = "left"
     return table
 
 

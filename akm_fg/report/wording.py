@@ -54,6 +54,11 @@ def state(value: float | None, unit: Unit) -> str:
     return _spaced(f"{float(to_person(value, unit)):.2f}".replace("-", "−"), unit)
 
 
+def chosen(value: float, unit: Unit) -> str:
+    """A number that a person gave, as short as it was given ("30 cm", "3°")."""
+    return _spaced(f"{round(float(to_person(value, unit)), 2):g}".replace("-", "−"), unit)
+
+
 def probability(p: float) -> str:
     """Also near zero and one: "3·10⁻⁷", "99.1 %", "1 − 2·10⁻⁹"."""
     if not math.isfinite(p):

@@ -1,0 +1,26 @@
+"""Writes the report."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from akm_fg.errors import OutputError
+from akm_fg.io.png import replace_file
+from akm_fg.report.page import render_page
+from akm_fg.report.summary import RunSummary
+
+
+def write_report(path: Path, summary: RunSummary) -> None:
+    """Write one self-contained HTML file, whole or not at all; makes the folder it goes to.
+
+    Raises:
+        OutputError: the file cannot be written there.
+    """
+    path = Path(path)
+    if path.is_dir():
+        raise OutputError(f"{path}: is a folder; expected a file name such as report.html")
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+    except OSError as e:
+        raise OutputError(f"{path.parent}: cannot be made ({e.strerror})") from e
+    replace_file(path, render_page(summary).encode("utf-8"))
