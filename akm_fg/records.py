@@ -91,7 +91,8 @@ class Recording:
         if self.object_masks is not None:
             _require(len(self.object_masks) == n, f"{len(self.object_masks)} masks, {n} frames")
         if self.T_world_gripper is not None:
-            _require(len(self.T_world_gripper) == n, f"{len(self.T_world_gripper)} grips, {n} frames")
+            grips = len(self.T_world_gripper)
+            _require(grips == n, f"{grips} gripper poses, {n} frames")
         if self.grasp_frames is not None:
             first, last = self.grasp_frames
             _require(0 <= first <= last < n, f"grasp_frames {self.grasp_frames} outside 0..{n - 1}")
@@ -118,7 +119,8 @@ class PixelTracks:
     def __post_init__(self) -> None:
         t, n = self.visible.shape
         _require(self.uv.shape == (t, n, 2), f"uv {self.uv.shape}, expected {(t, n, 2)}")
-        _require(self.sigma_px.shape == (t, n), f"sigma_px {self.sigma_px.shape}, expected {(t, n)}")
+        sigma = self.sigma_px.shape
+        _require(sigma == (t, n), f"sigma_px {sigma}, expected {(t, n)}")
 
 
 @dataclass(frozen=True, slots=True)

@@ -16,7 +16,12 @@ class PriorConfig:
     hinge_distance_sigma_log: float = 0.6  # 95 % of hinges between a third and three times that
     displacement_range_m: float = 1.0  # a frame's displacement is uniform over it: +-0.5 m
     kind_probability: dict[str, float] = field(
-        default_factory=lambda: {"rigid": 1 / 3, "prismatic": 1 / 3, "revolute": 1 / 3}
+        default_factory=lambda: {
+            "rigid": 1 / 3,
+            "prismatic": 1 / 3,
+            "revolute": 1 / 3,
+            "helical": 0.0,  # not modelled yet
+        }
     )
 
 

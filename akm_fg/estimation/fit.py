@@ -7,9 +7,11 @@ from __future__ import annotations
 
 import time
 from dataclasses import replace
+from functools import cache
 from typing import cast
 
 import numpy as np
+from threadpoolctl import ThreadpoolController
 
 from akm_fg.errors import AxisUnobservable, TracksLost
 from akm_fg.estimation.config import FitConfig
@@ -97,7 +99,18 @@ def fit_poses(
     return _fit(problem, began)
 
 
+@cache
+def _threads() -> ThreadpoolController:
+    return ThreadpoolController()
+
+
 def _fit(problem: FitProblem, began: float) -> ArticulationPosterior:
+    # Matrices of a hundred rows: more than one BLAS thread makes this ten times slower.
+    with _threads().limit(limits=1, user_api="blas"):
+        return _fit_on_one_thread(problem, began)
+
+
+def _fit_on_one_thread(problem: FitProblem, began: float) -> ArticulationPosterior:
     graph = GraphProblem(
         problem.observations,
         problem.centroid_world,

@@ -1,0 +1,117 @@
+"""`akm-fg doctor`: what is installed, what is missing, what that means."""
+
+from __future__ import annotations
+
+import importlib
+import importlib.metadata
+import json as json_module
+import platform
+from dataclasses import asdict, dataclass
+
+from akm_fg.cli.exit_codes import BAD_INPUT, DONE
+from akm_fg.cli.output import json_output, write_line
+
+
+@dataclass(frozen=True)
+class DoctorArguments:
+    """Example: akm-fg doctor
+
+    Checks that every package loads, with its version, and says what is optional and absent.
+    The exit code is 2 when something needed is missing or does not load.
+    """
+
+    json: str | None = None
+    """Write the findings to this file; - is standard output (no table then)."""
+    seed: int = 0
+    """Not used: nothing here is random."""
+
+
+@dataclass(frozen=True, slots=True)
+class Package:
+    """A package, the module that shows that it loads, and who needs it."""
+
+    name: str
+    module: str
+    needed_for: str
+    optional: bool
+
+
+PACKAGES = (
+    Package("numpy", "numpy", "everything", False),
+    Package("scipy", "scipy.stats", "everything", False),
+    Package("gtsam", "gtsam", "the estimator", False),
+    Package("opencv-python-headless", "cv2", "images, tracking", False),
+    Package("scikit-learn", "sklearn.cluster", "motion segmentation", False),
+    Package("ruckig", "ruckig", "timing of motions", False),
+    Package("matplotlib", "matplotlib", "plots in reports", False),
+    Package("tyro", "tyro", "the command line", False),
+    Package("rich", "rich", "tables in the terminal", False),
+    Package("pybullet", "pybullet", "akm-fg demo (extra: sim)", True),
+    Package("pin", "pinocchio", "akm-fg demo (extra: sim)", True),
+    Package("scene_synthesizer", "scene_synthesizer", "akm-fg demo (extra: sim)", True),
+)
+
+
+@dataclass(frozen=True, slots=True)
+class Finding:
+    """What was found of one package."""
+
+    package: str
+    version: str | None
+    problem: str | None
+    optional: bool
+    needed_for: str
+
+
+def examine(package: Package) -> Finding:
+    """Version of a package and whether it loads; a missing system library shows here."""
+    try:
+        version: str | None = importlib.metadata.version(package.name)
+    except importlib.metadata.PackageNotFoundError:
+        version = None
+    problem = None
+    if version is None:
+        problem = "not installed"
+    else:
+        try:
+            importlib.import_module(package.module)
+        except (ImportError, OSError) as error:
+            problem = f"does not load: {str(error).splitlines()[0]}"
+    return Finding(package.name, version, problem, package.optional, package.needed_for)
+
+
+def doctor(arguments: DoctorArguments) -> int:
+    """Run the command."""
+    findings = [examine(package) for package in PACKAGES]
+    with json_output(arguments.json) as stream:
+        if stream is not None:
+            report = {
+                "schema": "akm-fg/doctor/1",
+                "python": platform.python_version(),
+                "system": platform.platform(),
+                "packages": [asdict(finding) for finding in findings],
+            }
+            write_line(stream, json_module.dumps(report))
+    if arguments.json != "-":
+        _print(findings)
+    return BAD_INPUT if any(f.problem and not f.optional for f in findings) else DONE
+
+
+def _print(findings: list[Finding]) -> None:
+    from rich.console import Console
+    from rich.table import Table
+
+    from akm_fg import __version__
+
+    table = Table("package", "version", "state", "needed for")
+    for finding in findings:
+        state = "ok"
+        if finding.problem:
+            state = f"{finding.problem}{' (optional)' if finding.optional else ''}"
+        table.add_row(finding.package, finding.version or "-", state, finding.needed_for)
+    console = Console()
+    console.print(f"akm-fg {__version__}, Python {platform.python_version()}, {platform.system()}")
+    console.print(table)
+    absent = sorted({f.needed_for for f in findings if f.problem and f.optional})
+    for what in absent:
+        console.print(f"Without the above, {what} does not run; the estimator does.")
