@@ -10,7 +10,7 @@ from akm_fg.estimation.fit import fit_poses
 from akm_fg.records import PoseTrack
 
 
-def _handle(seed, kind, travel, frames=60, noise_m=0.001, noise_rad=0.01):
+def _handle(seed, kind, travel, frames=30, noise_m=0.001, noise_rad=0.01):
     """A marker on a handle half a metre from the hinge; returns track, axis, pivot, states."""
     rng = np.random.default_rng(seed)
     W = gtsam.Pose3.Expmap(np.concatenate([rng.normal(size=3), rng.normal(size=3) / 2]))
@@ -40,7 +40,7 @@ def test_noise_free_poses_give_the_truth_back(kind):
     assert_allclose(fit.states.mean, q, atol=1e-5)
     if kind == "revolute":
         across = np.cross(fit.joint.pivot - pivot, axis)
-        assert_allclose(across, 0.0, atol=1e-5)
+        assert_allclose(across, 0.0, atol=1e-4)  # the hinge-distance prior pulls a little
 
 
 @pytest.mark.parametrize("with_orientations", [True, False])
@@ -54,20 +54,27 @@ def test_noisy_poses_or_positions_give_the_kind_and_the_axis(kind, with_orientat
     assert_allclose(posterior.best.states.mean, q, atol=0.03)
 
 
+@pytest.mark.parametrize("noise_m", [0.0, 1e-6, 1e-5, 1e-4])
+def test_a_door_is_told_from_positions_however_precise_they_are(noise_m):
+    """Residuals far below what a hinge's play leaves are no evidence of slow errors."""
+    poses, axis, _, _ = _handle(8, "revolute", 1.0, frames=60, noise_m=noise_m)
+    posterior = fit_poses(PoseTrack(poses.p_world))
+    assert posterior.kind == "revolute"
+    assert_allclose(posterior.best.joint.axis, axis, atol=0.01)
+
+
 def test_a_drawer_with_one_orientation_off_by_45_degrees_stays_a_drawer():
     poses, axis, _, _ = _handle(2, "prismatic", 0.3)
-    clean = fit_poses(poses)
-    poses.R_world_part[25] = poses.R_world_part[25] @ gtsam.Rot3.Ry(np.pi / 4).matrix()
+    poses.R_world_part[12] = poses.R_world_part[12] @ gtsam.Rot3.Ry(np.pi / 4).matrix()
     posterior = fit_poses(poses)
     assert posterior.kind == "prismatic"
     assert posterior.fit.parametric
-    assert_allclose(posterior.best.joint.axis, clean.best.joint.axis, atol=2e-3)
-    assert_allclose(posterior.best.joint.axis, axis, atol=0.02)
+    assert_allclose(posterior.best.joint.axis, axis, atol=0.01)
 
 
 def test_a_door_with_one_orientation_flipped_stays_a_door():
     poses, axis, _, _ = _handle(3, "revolute", 1.0)
-    poses.R_world_part[25] = poses.R_world_part[25] @ gtsam.Rot3.Rx(np.pi).matrix()
+    poses.R_world_part[12] = poses.R_world_part[12] @ gtsam.Rot3.Rx(np.pi).matrix()
     posterior = fit_poses(poses)
     assert posterior.kind == "revolute"
     assert_allclose(posterior.best.joint.axis, axis, atol=0.03)
@@ -75,7 +82,7 @@ def test_a_door_with_one_orientation_flipped_stays_a_door():
 
 def test_a_drawer_with_one_position_off_by_ten_centimetres_stays_a_drawer():
     poses, axis, _, _ = _handle(4, "prismatic", 0.3)
-    poses.p_world[40] += [0.1, 0.0, 0.0]
+    poses.p_world[20] += [0.1, 0.0, 0.0]
     posterior = fit_poses(poses)
     assert posterior.kind == "prismatic"
     assert_allclose(posterior.best.joint.axis, axis, atol=0.03)
@@ -96,10 +103,10 @@ def test_a_marker_at_rest_is_rigid_or_undecided():
 
 
 def test_probabilities_sum_to_one_and_states_cover_every_frame():
-    poses, *_ = _handle(7, "revolute", 1.0, frames=150)
+    poses, *_ = _handle(7, "revolute", 1.0, frames=90)
     posterior = fit_poses(poses)
     assert_allclose(sum(posterior.kind_probability.values()), 1.0)
-    assert posterior.best.states.mean.shape == posterior.best.states.sd.shape == (150,)
+    assert posterior.best.states.mean.shape == posterior.best.states.sd.shape == (90,)
     assert np.isfinite(posterior.best.states.mean).all()
 
 
