@@ -15,10 +15,11 @@ from factors.point_track import (
     TrackObservations,
     point_track_factor,
     state_information,
+    state_step,
     track_cost,
     track_normal_equations,
 )
-from factors.student_t import weight
+from factors.student_t import twice_negative_log_kernel, weight
 
 GAUSSIAN, ROBUST = 1e9, 4.0
 GAUGE = {"revolute": [2, 5], "prismatic": [2, 3, 4, 5]}
@@ -252,6 +253,35 @@ def test_state_information_is_that_with_joint_and_points_held(kind, case, scene,
         step = (ends[0] - ends[1]) / (2 * h)
         want = np.einsum("ni,nij,nj->", step, information[t], step)
         assert_allclose(state_information(kind, cost)[t], want, rtol=1e-6)
+
+
+def test_states_alone_step_back_to_the_truth_from_exact_points(kind, case, scene):
+    s = scene(kind, case, sigma=0)
+    q = s.q + [0.1, -0.05, 0.02, 0.08]
+    for _ in range(30):
+        step, _ = state_step(kind, s.T_world_joint, q, s.x_joint.T, s.tracks, ROBUST, 1.0)
+        q = q + step
+    assert_allclose(q, s.q, atol=1e-9)
+
+
+@pytest.mark.parametrize("dof", [GAUSSIAN, ROBUST])
+def test_state_step_is_gradient_over_information(kind, dof, scene, world_points):
+    s = scene(kind)
+    s.p_world[2, 1] = np.nan
+    x, q = s.x_joint, s.q + 1e-3
+    step, information = state_step(kind, s.T_world_joint, q, x.T, s.tracks, dof, 1.3)
+    seen = np.isfinite(s.p_world).all(-1)
+    inverse = np.linalg.inv(s.cov_world) / 1.3**2
+
+    def half_cost(q):
+        placed = np.array([world_points(kind, s.T_world_joint, state, x) for state in q])
+        e = np.where(seen[..., None], s.p_world - placed, 0.0)
+        d2 = np.einsum("tni,tnij,tnj->tn", e, inverse, e)
+        return twice_negative_log_kernel(d2, dof, 3).sum(axis=1) / 2
+
+    numeric = np.diag(central_difference(half_cost, q, 1e-5))
+    assert_allclose(step * information, -numeric, rtol=1e-5, atol=1e-3)
+    assert (information > 0).all()
 
 
 def test_a_point_that_is_lost_does_not_count(kind, scene):
