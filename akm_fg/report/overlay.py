@@ -65,9 +65,11 @@ class _Canvas:
         """A translucent polygon (S, 2)."""
         mask = np.zeros(self.rgb.shape[:2], np.uint8)
         cv2.fillPoly(mask, [self.fixed(uv)], 255, cv2.LINE_AA, _SUBPIXEL_BITS)
-        weight = alpha * mask[..., None] / 255.0
-        blended = self.rgb * (1 - weight) + np.array(colour) * weight
-        self.rgb[:] = np.rint(blended).astype(np.uint8)
+        x, y, width, height = cv2.boundingRect(mask)
+        box = slice(y, y + height), slice(x, x + width)
+        weight = alpha * mask[box][..., None] / 255.0
+        blended = self.rgb[box] * (1 - weight) + np.array(colour) * weight
+        self.rgb[box] = np.rint(blended).astype(np.uint8)
 
 
 def enlargement(width_px: int, config: OverlayConfig) -> int:

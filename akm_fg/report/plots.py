@@ -44,7 +44,7 @@ def states_svg(summary: RunSummary) -> str | None:
         _shade_phases(top, bottom, summary, time_s)
         time_s = time_s[: len(states.mean)]
         _draw_states(top, time_s, states, true)
-        _draw_goal(top, summary)
+        _draw_goal(top, summary, states)
         _draw_errors(bottom, time_s, states, true)
         _finish(top, states)
         return _svg(figure, "states")
@@ -89,8 +89,8 @@ def _draw_states(
         axes.plot(time_s, to_person(true, states.unit), "--", color=_TRUTH, lw=1.2, label="truth")
 
 
-def _draw_goal(axes: Axes, summary: RunSummary) -> None:
-    if summary.goal is None:
+def _draw_goal(axes: Axes, summary: RunSummary, states: StatePosterior) -> None:
+    if summary.goal is None or summary.goal.unit != states.unit:  # the wrong kind has another unit
         return
     target = float(to_person(summary.goal.target, summary.goal.unit))
     tolerance = float(to_person(summary.goal.tolerance, summary.goal.unit))

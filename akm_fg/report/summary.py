@@ -122,7 +122,7 @@ class RunSummary:
         """Whether the true state ended within the tolerance; None where it is not known."""
         if self.goal is None or self.final_error is None:
             return None
-        return abs(self.final_error) <= self.goal.tolerance
+        return bool(abs(self.final_error) <= self.goal.tolerance)
 
     @property
     def verdict(self) -> Verdict:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import cache
+
 import cv2
 import gtsam
 import numpy as np
@@ -63,6 +65,11 @@ def _square(half: float) -> np.ndarray:
 
 
 def make_recording(kind: str, states: np.ndarray) -> Recording:
+    return _recording(kind, tuple(states))
+
+
+@cache
+def _recording(kind: str, states: tuple[float, ...]) -> Recording:
     rng = np.random.default_rng(0)
     wood = rng.integers(70, 130, (16, 16, 3), dtype=np.uint8)
     panel = rng.integers(150, 235, (12, 12, 3), dtype=np.uint8)

@@ -1,0 +1,177 @@
+import re
+from dataclasses import replace
+from html import unescape
+
+import numpy as np
+import pytest
+
+from akm_fg.errors import OutputError
+from akm_fg.estimation.posterior import StatePosterior
+from akm_fg.report.page import render_page
+from akm_fg.report.write import write_report
+
+
+def text_of(page: str) -> str:
+    """What a person reads: no tags, no styles, no no-break spaces."""
+    body = re.sub(r"<(style|svg).*?</\1>", "", page, flags=re.DOTALL)
+    return re.sub(r"\s+", " ", unescape(re.sub(r"<[^>]*>", " ", body)))
+
+
+@pytest.fixture(scope="module")
+def page(scenes):
+    return render_page(scenes.summary("revolute"))
+
+
+@pytest.fixture(scope="module")
+def text(page):
+    return text_of(page)
+
+
+def test_the_page_stands_alone(page):
+    assert "http://" not in page and "https://" not in page
+    assert "<script" not in page and "<link" not in page and "url(#" in page
+    sources = re.findall(r'src="([^"]{0,22})', page)
+    assert len(sources) == 3 and set(sources) == {"data:image/jpeg;base64"}
+
+
+def test_names_inside_the_plots_are_unique_and_resolve(page):
+    names = re.findall(r'\bid="([^"]+)"', page)
+    assert len(names) == len(set(names))
+    used = re.findall(r'href="#([^"]+)"|url\(#([^)]+)\)', page)
+    assert {a or b for a, b in used} <= set(names)
+
+
+@pytest.mark.parametrize(
+    "piece",
+    [
+        "furniture-dev/cabinet-003",
+        "A robot pulled at an object",
+        "Target reached. Revolute, probability > 99.9 %. Final error −0.57° (tolerance 3°).",
+        "moving part (36 points)",
+        "axis with its 95 % band",
+        "Frame 7 of 11, pull",
+        "Frame 11 of 11, closed loop",
+        "95 % probability true to 1.4°",
+        "joint kind",
+        "axis direction",
+        "pivot",
+        "state, frame 11",
+        "95 % bound",
+        "true error",
+        "round 2",
+        "How to read this",
+        "How to reproduce",
+        "akm-fg demo --seed 3",
+        "fit 12 ms",
+        "explore 12.3 s",
+        "0.1.0",
+    ],
+)
+def test_the_page_says(text, piece):
+    assert piece in text
+
+
+def test_the_plots_are_there(page):
+    assert page.count("<svg") == 2
+
+
+def test_strings_are_escaped(scenes):
+    bad = "<script>alert('x')</script>&"
+    fit = {"parametric": False, "warnings": (bad,)}
+    posterior = scenes.posterior("revolute", **fit)
+    texts = {"title": bad, "command": bad, "version": bad, "failure": bad, "time_s": {bad: 1.0}}
+    summary = scenes.summary("revolute", posterior=posterior, **texts)
+    summary = replace(summary, recording=replace(summary.recording, name=bad))
+    page = render_page(summary)
+    assert "<script" not in page and page.count("&lt;script&gt;") >= 6
+
+
+def test_the_same_run_gives_the_same_page(scenes, page):
+    assert render_page(scenes.summary("revolute")) == page
+
+
+def test_a_drawer_has_no_pivot(scenes):
+    text = text_of(render_page(scenes.summary("prismatic")))
+    assert "none: a sliding joint has no pivot" in text and "cone" in text
+
+
+def test_a_program_that_is_wrong_about_its_success_is_found_out(scenes):
+    text = text_of(render_page(scenes.summary("revolute", final_state_true=0.1)))
+    assert "Target not reached." in text and "wrongly believed" in text
+
+
+def test_a_lucky_end_is_not_a_success(scenes):
+    rounds = (replace(scenes.summary().rounds[-1], p_within_tolerance=0.6),)
+    text = text_of(render_page(scenes.summary("revolute", rounds=rounds)))
+    assert "Target not reached." in text and "was not sure" in text
+
+
+def test_without_truth_no_error_is_invented(scenes):
+    text = text_of(render_page(scenes.summary("revolute", truth=None, final_state_true=None)))
+    assert "the truth is not known" in text and "Not shown: no truth" in text
+    legend = text.split("What the camera saw")[1][:300]
+    assert "true axis" not in legend
+
+
+@pytest.mark.parametrize("kind", ["prismatic", "revolute"])
+def test_an_undecided_answer_shows_the_most_probable_kind(scenes, kind):
+    posterior = scenes.posterior(
+        kind, "undecided" if kind == "prismatic" else None, parametric=False
+    )
+    text = text_of(render_page(scenes.summary(kind, posterior=posterior)))
+    assert "No joint kind explains the data." in text
+    assert (f"undecided (most probable: {kind})" in text) == (kind == "prismatic")
+
+
+def test_nothing_moved_is_a_result(scenes):
+    posterior = scenes.posterior("rigid")
+    changes = {"goal": None, "rounds": (), "truth": scenes.truth("revolute")}
+    page = render_page(scenes.summary("rigid", posterior=posterior, **changes))
+    assert "Wrong joint kind." in text_of(page) and "wrong: truly revolute" in text_of(page)
+    assert page.count("<svg") == 1 and "axis direction" not in text_of(page)
+
+
+def test_a_run_that_failed_early_still_gives_a_page(scenes):
+    nothing = dict.fromkeys(("posterior", "tracks", "truth", "closed_loop_frame"))
+    failure = "nothing moved in 25 attempts"
+    summary = scenes.summary("revolute", rounds=(), failure=failure, **nothing)
+    text = text_of(render_page(summary))
+    assert "Target not reached." in text and "Cause: nothing moved in 25 attempts." in text
+    assert "No joint could be estimated" in text and "looking again" not in text
+
+
+def test_a_part_that_was_never_seen_has_no_plot_of_states(scenes):
+    states = StatePosterior("rad", np.full(12, np.nan), np.full(12, np.nan))
+    page = render_page(scenes.summary("revolute", states=states))
+    assert "the part was not seen in any frame" in page and page.count("<svg") == 1
+
+
+def test_a_wrong_kind_is_said_to_be_wrong(scenes):
+    summary = scenes.summary("revolute", posterior=scenes.posterior("prismatic"))
+    text = text_of(render_page(summary))
+    assert "The true joint is revolute." in text and "wrong: truly revolute" in text
+
+
+def test_one_frame_is_enough(scenes):
+    recording = scenes.recording("revolute", np.zeros(1))
+    page = render_page(
+        scenes.summary("revolute", recording=recording, tracks=None, posterior=None, rounds=(),
+                       goal=None, closed_loop_frame=None, truth=None)
+    )  # fmt: skip
+    assert "No joint found." in page and page.count("<img") == 1
+
+
+def test_the_report_is_written_also_into_a_new_folder(scenes, tmp_path, page):
+    path = tmp_path / "new" / "report.html"
+    write_report(path, scenes.summary("revolute"))
+    assert path.read_text(encoding="utf-8") == page
+    assert [p.name for p in path.parent.iterdir()] == ["report.html"]
+
+
+def test_a_place_that_cannot_be_written_is_named_in_one_line(scenes, tmp_path):
+    summary = scenes.summary("revolute", posterior=None, tracks=None, rounds=())
+    (tmp_path / "file").write_text("")
+    for path in (tmp_path, tmp_path / "file" / "report.html"):
+        with pytest.raises(OutputError) as caught:
+            write_report(path, summary)
+        assert str(tmp_path) in str(caught.value) and "\n" not in str(caught.value)

@@ -1,0 +1,48 @@
+import io
+from dataclasses import replace
+
+import pytest
+from rich.console import Console
+
+from akm_fg.report.tables import posterior_table, score_table
+
+
+def show(table, width=120) -> str:
+    console = Console(width=width, file=io.StringIO(), color_system=None)
+    console.print(table)
+    return console.file.getvalue()
+
+
+def test_each_posterior_gets_a_row_with_its_bounds(scenes):
+    text = show(posterior_table([scenes.posterior("revolute"), scenes.posterior("prismatic")]))
+    for piece in ("revolute", "prismatic", "> 99.9 %", "± 1.4°", "± 0.98 cm", "23.97 cm", "38"):
+        assert piece in text
+
+
+@pytest.mark.parametrize("width", [80, 120])
+def test_the_table_fits_a_terminal(scenes, width):
+    posteriors = [scenes.posterior("revolute"), scenes.posterior("prismatic", "undecided")]
+    text = show(posterior_table(posteriors), width)
+    assert "…" not in text and "undecided" in text and "most probable: prismatic" in text
+
+
+def test_a_part_that_did_not_move_has_no_joint_to_list(scenes):
+    text = show(posterior_table([scenes.posterior("rigid", warnings=("too short",))]))
+    assert "rigid" in text and "°" not in text.split("rigid")[1] and "too short" in text
+
+
+def test_names_are_not_read_as_markup(scenes):
+    posterior = replace(scenes.posterior("revolute"), name="[red]a[/]")
+    assert "[red]a[/]" in show(posterior_table([posterior]))
+    assert "[b]t" in show(score_table(scenes.summary("revolute", title="[b]t")))
+
+
+def test_the_score_stands_beside_its_bound(scenes):
+    lines = show(score_table(scenes.summary("revolute"))).splitlines()
+    axis = next(line for line in lines if "axis direction" in line)
+    assert "1.4°" in axis and "0.57°" in axis
+    assert any("target 52.14° ± 3°" in line for line in lines)
+
+
+def test_a_run_without_posterior_gives_an_empty_table(scenes):
+    assert score_table(scenes.summary("revolute", posterior=None, rounds=())).row_count == 0
