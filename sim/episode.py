@@ -22,7 +22,7 @@ class ViewConfig:
 
     distance_m: float = 1.25
     azimuth_rad: float = np.deg2rad(48.0)  # from the front's normal, so that the arm hides little
-    elevation_rad: float = np.deg2rad(28.0)
+    elevation_rad: float = np.deg2rad(33.0)
     ahead_m: float = 0.12  # the camera looks at a point this far in front of the front
     below_m: float = 0.05  # and this far below its middle
 

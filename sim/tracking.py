@@ -22,7 +22,8 @@ class TrackConfig:
     rotation_n_m_rad: float = 25.0
     rotation_damping: float = 5.0  # N m s/rad
     moment_max_n_m: float = 2.5
-    integral_1_s: float = 1.5  # takes up the part's friction along the path
+    integral_1_s: float = 2.5  # takes up the part's friction along the path
+    integral_late_1_s: float = 5.0  # after its end: to turn the part back takes twice the friction
     integral_max_n: float = 25.0
     rest_m_s: float = 0.0015  # slower is at rest
     rest_s: float = 0.3  # for this long
@@ -54,6 +55,7 @@ class PathTracker:
         self._time = 0.0
         self._rest_for = 0.0
         self._extra = np.zeros(3)  # integral force, N
+        self._tangents = _tangents(path)
         self.finished = False
 
     def wanted(self, time_s: float) -> tuple[gtsam.Pose3, FloatArray]:
@@ -95,20 +97,19 @@ class PathTracker:
         """Along the path's own direction alone, so that model error across it builds no force."""
         c = self._config
         tangent = self._tangent()
-        gain = c.integral_1_s * c.stiffness_n_m * dt
+        late = self._time > float(self._path.stamps_s[-1])
+        rate = c.integral_late_1_s if late else c.integral_1_s
+        gain = rate * c.stiffness_n_m * dt
         along = float(np.clip(tangent @ error, -0.03, 0.03))
+        if late and abs(along) < c.arrived_m:
+            return
         self._extra = bounded(self._extra + gain * along * tangent, c.integral_max_n)
         self._extra = tangent * float(tangent @ self._extra)
 
     def _tangent(self) -> FloatArray:
         """Unit direction of the path now, or of its last moving stretch; zero if it stands."""
-        stamps, poses = self._path.stamps_s, self._path.T_world_gripper
-        k = int(np.clip(np.searchsorted(stamps, self._time, side="right"), 1, len(poses)))
-        for i in range(min(k, len(poses) - 1), 0, -1):
-            step = poses[i].translation() - poses[i - 1].translation()
-            if np.linalg.norm(step) > 1e-6:
-                return step / np.linalg.norm(step)
-        return np.zeros(3)
+        k = int(np.searchsorted(self._path.stamps_s, self._time, side="right"))
+        return self._tangents[min(max(k - 1, 0), len(self._tangents) - 1)]
 
     def _advance(self, twist: FloatArray, left_m: float, dt: float) -> None:
         c = self._config
@@ -120,3 +121,16 @@ class PathTracker:
         moving |= left_m > c.arrived_m and late < 0.6 * c.settle_max_s
         self._rest_for = 0.0 if moving else self._rest_for + dt
         self.finished = self._rest_for >= c.rest_s or late >= c.settle_max_s
+
+
+def _tangents(path: TimedPath) -> FloatArray:
+    """(max(N - 1, 1), 3) unit direction of each stretch; a standing one has that before it."""
+    points = np.array([T.translation() for T in path.T_world_gripper])
+    result = np.zeros((max(len(points) - 1, 1), 3))
+    for k, step in enumerate(np.diff(points, axis=0)):
+        length = float(np.linalg.norm(step))
+        if length > 1e-6:
+            result[k] = step / length
+        elif k > 0:
+            result[k] = result[k - 1]
+    return result

@@ -133,10 +133,10 @@ class SimWorld:
         rng = np.random.default_rng([self.spec.seed, 9])
         T, depth = self.placement.T_world_object, self.spec.size_m[1]
         T_floor = gtsam.Pose3(gtsam.Rot3(), np.array([0.0, 0.0, -0.025]))
-        behind = gtsam.Pose3(gtsam.Rot3(), np.array([0.0, depth / 2 + 0.1, 1.5]))
+        behind = gtsam.Pose3(gtsam.Rot3(), np.array([0.0, depth / 2 + 0.1, 2.0]))
         for name, image, size, T_world_box, side in (
-            ("floor", floor(rng), [9.0, 9.0, 0.05], T_floor, 4),
-            ("wall", plaster(rng), [9.0, 0.05, 3.0], T * behind, 3),
+            ("floor", floor(rng), [16.0, 16.0, 0.05], T_floor, 4),
+            ("wall", plaster(rng), [16.0, 0.05, 4.0], T * behind, 3),
         ):
             cv2.imwrite(str(folder / f"{name}.png"), image[..., ::-1])
             box = Box(name, np.array(size), gtsam.Pose3(), name)
@@ -151,10 +151,12 @@ class SimWorld:
         shape = p.createCollisionShape(
             p.GEOM_BOX, halfExtents=(size_m / 2.0).tolist(), physicsClientId=self.client
         )
+        # Without a visual shape the collision shape would be drawn: give it a speck inside.
+        speck = p.createVisualShape(p.GEOM_BOX, halfExtents=[1e-4] * 3, physicsClientId=self.client)
         p.createMultiBody(
             0.0,
             shape,
-            -1,
+            speck,
             T_world_box.translation().tolist(),
             quaternion_xyzw(T_world_box.rotation()),
             physicsClientId=self.client,
