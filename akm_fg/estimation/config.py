@@ -34,7 +34,10 @@ class FitConfig:
     dof: float = 6.0  # of the Student-t noise: 97 % efficient on Gaussian noise, see docs
     max_frames: int = 60  # frames in the graph; the others get their states afterwards
     cost_tolerance: float = 0.05  # nats; a step that gains less moves by a tenth of a sigma
+    rough_cost_tolerance: float = 1.0  # nats; while starts, kinds and noise scales are compared
     max_iterations: int = 30  # of Levenberg-Marquardt a round; a good start takes five
+    rough_iterations: int = 12  # the same while comparing
+    polish_within: float = 50.0  # nats of evidence behind the best; farther off is out of the race
     scale_iterations: int = 6  # rounds of: solve, estimate the noise scale
     scale_tolerance: float = 0.02  # relative change of the noise scale that ends the rounds
     noise_prior_observations: float = 20.0  # weight of a given noise level, as observations

@@ -13,6 +13,9 @@ from akm_fg.estimation.laplace import KindFit
 from akm_fg.estimation.observations import Observations
 from akm_fg.estimation.problem import FitProblem
 from akm_fg.estimation.rigid_motion import MIN_POINTS
+from akm_fg.records import FloatArray
+
+_NEGLIGIBLE = 0.05  # correlations below it are noise of a few hundred residuals
 
 
 def correlation_frames(fit: KindFit, observations: Observations) -> tuple[float, float]:
@@ -33,10 +36,7 @@ def correlation_frames(fit: KindFit, observations: Observations) -> tuple[float,
     observed = observations.tracks.observed
     if observed.shape[0] < 8:
         return 1.0, 1.0
-    d = np.sqrt(np.maximum(fit.d2, 1e-300))
-    limit = 3 * np.median(d[observed])  # outliers are rejected, not averaged over
-    e = np.where(observed[..., None], fit.residual_joint, 0.0)
-    e = e * np.minimum(1.0, limit / np.maximum(d, 1e-12))[..., None]
+    e = _clipped(fit, observations)
     variance = (e * e).sum() / observed.sum()
     if variance <= 0:
         return 1.0, 1.0
@@ -46,7 +46,7 @@ def correlation_frames(fit: KindFit, observations: Observations) -> tuple[float,
         if pairs == 0:
             break
         rho = float((e[lag:] * e[:-lag]).sum() / pairs / variance)
-        if rho <= 0.05:
+        if rho <= _NEGLIGIBLE:
             break
         tau += 2 * rho
     if tau == 1.0:
@@ -56,8 +56,38 @@ def correlation_frames(fit: KindFit, observations: Observations) -> tuple[float,
     return tau / visible, visible
 
 
+def correlated_points(fit: KindFit, observations: Observations) -> float:
+    """How many neighbouring points err together; at least one.
+
+    One plus the sum of the residuals' correlations with the nearest, second nearest, ... point,
+    averaged over the points, up to the first that is not positive: what `correlation_frames` is
+    over time, over the part. Stereo depth errs alike over a matching window.
+    """
+    observed = observations.tracks.observed
+    count = observed.shape[1]
+    if count < 8:
+        return 1.0
+    e = _clipped(fit, observations)
+    power = (e * e).sum(axis=(0, 2))
+    together = np.einsum("tni,tmi->nm", e, e) / np.sqrt(np.outer(power, power) + 1e-300)
+    distance = np.linalg.norm(fit.x_joint[:, :, None] - fit.x_joint[:, None, :], axis=0)
+    by_rank = np.take_along_axis(together, np.argsort(distance, axis=1), axis=1).mean(axis=0)
+    below = np.flatnonzero(by_rank[1:] <= _NEGLIGIBLE)
+    last = int(below[0]) if below.size else count - 1
+    return 1.0 + float(by_rank[1 : 1 + last].sum())
+
+
+def _clipped(fit: KindFit, observations: Observations) -> FloatArray:
+    """Residuals (T, N, 3), outliers pulled in: they are rejected, not averaged over."""
+    observed = observations.tracks.observed
+    d = np.sqrt(np.maximum(fit.d2, 1e-300))
+    limit = 3 * np.median(d[observed])
+    e = np.where(observed[..., None], fit.residual_joint, 0.0)
+    return e * np.minimum(1.0, limit / np.maximum(d, 1e-12))[..., None]
+
+
 def temper(fit: KindFit, tau: float) -> KindFit:
-    """The fit with its frames counted once every `tau`; the solution stays."""
+    """The fit with one in `tau` observations counted; the solution stays."""
     return replace(fit, cov=fit.cov * tau, cov_factor=fit.cov_factor * tau, tau=tau)
 
 

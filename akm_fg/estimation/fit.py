@@ -16,6 +16,7 @@ from threadpoolctl import ThreadpoolController
 from akm_fg.errors import AxisUnobservable, TracksLost
 from akm_fg.estimation.config import FitConfig
 from akm_fg.estimation.evidence import (
+    correlated_points,
     correlation_frames,
     is_parametric,
     kind_probabilities,
@@ -121,6 +122,7 @@ def _fit_on_one_thread(problem: FitProblem, began: float) -> ArticulationPosteri
     fits, warnings = _fit_kinds(problem.guesses, graph, problem.name)
     likeliest = max(fits, key=lambda fit: fit.log_likelihood)
     tau, visible = correlation_frames(likeliest, problem.observations)
+    together = correlated_points(likeliest, problem.observations)
     if visible < 1.0:
         observations = replace(problem.observations, visible_share=visible)
         solved = [
@@ -128,17 +130,17 @@ def _fit_on_one_thread(problem: FitProblem, began: float) -> ArticulationPosteri
         ]
         graph = replace(graph, observations=observations)
         fits, warnings = _fit_kinds(solved, graph, problem.name)
-    fits = [_pointing_forward(temper(fit, tau)) for fit in fits]
+    fits = [_pointing_forward(temper(fit, tau * together)) for fit in fits]
     probability = kind_probabilities(fits, problem.config.prior)
     best = max(fits, key=lambda fit: probability[fit.kind])
-    parametric = is_parametric(best, problem, tau)
+    parametric = is_parametric(best, problem, tau * together)
     decided = parametric and probability[best.kind] >= problem.config.undecided_below
     return ArticulationPosterior(
         name=problem.name,
         kind=cast(NamedKind, best.kind if decided else "undecided"),
         kind_probability=probability,
         alternatives={fit.kind: _kind_posterior(fit, problem) for fit in fits},
-        fit=_report(best, problem, tau, parametric, tuple(warnings)),
+        fit=_report(best, problem, (tau, together), parametric, tuple(warnings)),
         time_s={"total": time.perf_counter() - began},
     )
 
@@ -146,7 +148,10 @@ def _fit_on_one_thread(problem: FitProblem, began: float) -> ArticulationPosteri
 def _fit_kinds(
     guesses: list[JointGuess], graph: GraphProblem, name: str
 ) -> tuple[list[KindFit], list[str]]:
-    """Every kind that can be fitted, and why the others cannot."""
+    """Every kind that can be fitted, and why the others cannot.
+
+    All kinds are solved roughly first; only those that are still in the race are polished.
+    """
     fits, reasons = [fit_rigid(graph)], []
     for kind in ("prismatic", "revolute"):
         try:
@@ -155,7 +160,8 @@ def _fit_kinds(
             reasons.append(str(error))
     if len(fits) == 1:
         raise AxisUnobservable(f"{name}: " + "; ".join(reasons))
-    return fits, reasons
+    lead = max(fit.log_evidence for fit in fits) - graph.config.polish_within
+    return [_polished(fit, graph) if fit.log_evidence > lead else fit for fit in fits], reasons
 
 
 def _best_start(starts: list[JointGuess], graph: GraphProblem) -> KindFit:
@@ -164,7 +170,14 @@ def _best_start(starts: list[JointGuess], graph: GraphProblem) -> KindFit:
     starts = sorted(starts, key=lambda guess: start_rank(guess, graph))
     # The path of one point has several bends to choose from; a whole part has one screw.
     tried = 2 if graph.observations.tracks.observed.shape[1] < MIN_POINTS else 1
-    return max((fit_kind(g, graph) for g in starts[:tried]), key=lambda fit: fit.log_evidence)
+    fits = (fit_kind(guess, graph, rough=True) for guess in starts[:tried])
+    return max(fits, key=lambda fit: fit.log_evidence)
+
+
+def _polished(fit: KindFit, graph: GraphProblem) -> KindFit:
+    if fit.T_world_joint is None:
+        return fit
+    return fit_kind(JointGuess(fit.kind, fit.T_world_joint, fit.q), graph, fit.scales)
 
 
 def _pointing_forward(fit: KindFit) -> KindFit:
@@ -204,7 +217,11 @@ def _kind_posterior(fit: KindFit, problem: FitProblem) -> KindPosterior:
 
 
 def _report(
-    best: KindFit, problem: FitProblem, tau: float, parametric: bool, warnings: tuple[str, ...]
+    best: KindFit,
+    problem: FitProblem,
+    correlation: tuple[float, float],
+    parametric: bool,
+    warnings: tuple[str, ...],
 ) -> FitReport:
     observed = problem.observations.tracks.observed
     unit = 1.0 if problem.observations.noise_known else NOMINAL_POSITION_M
@@ -214,7 +231,8 @@ def _report(
         tracks_rejected=problem.tracks_rejected,
         rms_m=float(np.sqrt(best.squared_error_m2[observed].mean())),
         noise_scale=best.scales.track * unit,
-        correlation_frames=tau,
+        correlation_frames=correlation[0],
+        correlation_points=correlation[1],
         parametric=parametric,
         warnings=warnings,
     )

@@ -11,9 +11,9 @@ from akm_fg.estimation.rigid_motion import RigidMotion
 from akm_fg.records import BoolArray, FloatArray
 
 # A hinge farther away than this is a drawer for every purpose of a start; metres.
-_MAX_RADIUS_M = 5.0
+_MAX_RADIUS_M = 100.0
 _MIN_RADIUS_M = 0.01
-_FAR_HINGES_M = (1.0, 2.0, 4.0, 8.0)
+_FAR_HINGES_M = (1.0, 2.0, 4.0, 8.0, 16.0, 32.0, 64.0)
 
 
 @dataclass(frozen=True, slots=True)

@@ -133,15 +133,23 @@ def fit_rigid(problem: GraphProblem) -> KindFit:
     )
 
 
-def fit_kind(guess: JointGuess, problem: GraphProblem) -> KindFit:
+def fit_kind(
+    guess: JointGuess, problem: GraphProblem, start: Scales | None = None, rough: bool = False
+) -> KindFit:
     """Solve one moving kind from one start, and find its noise scale.
+
+    Args:
+        guess: kind and start.
+        problem: what to fit.
+        start: noise scales to begin with, if better are known than the problem's.
+        rough: stop early; good enough to compare starts, and kinds that are far apart.
 
     Raises:
         AxisUnobservable: the data leave a direction open.
     """
     observations, config = problem.observations, problem.config
     values = _initial_values(guess, observations)
-    scales, x = _start_scales(guess, values, problem), None
+    scales, x = start or _start_scales(guess, values, problem), None
     directions = len(observable_directions(guess.kind))
     fitted = directions + observations.frames - 1 + (3 if values.exists(REFERENCE) else 0)
     for _ in range(config.scale_iterations):
@@ -151,7 +159,7 @@ def fit_kind(guess: JointGuess, problem: GraphProblem) -> KindFit:
                 guess.kind, JOINT, values.atPose3(JOINT).rotation(), problem.centroid_world
             )
         )
-        values = _solved(graph, values, config)
+        values = _solved(graph, values, config, rough)
         solution = _evaluated(guess.kind, values, problem, scales, x)
         new = updated_scales(
             solution.cost.d2, solution.errors, fitted, scales, observations, config
@@ -213,12 +221,12 @@ def _graph(
 
 
 def _solved(
-    graph: gtsam.NonlinearFactorGraph, values: gtsam.Values, config: FitConfig
+    graph: gtsam.NonlinearFactorGraph, values: gtsam.Values, config: FitConfig, rough: bool
 ) -> gtsam.Values:
     parameters = gtsam.LevenbergMarquardtParams()
-    parameters.setMaxIterations(config.max_iterations)
+    parameters.setMaxIterations(config.rough_iterations if rough else config.max_iterations)
     parameters.setRelativeErrorTol(0.0)
-    parameters.setAbsoluteErrorTol(config.cost_tolerance)
+    parameters.setAbsoluteErrorTol(config.rough_cost_tolerance if rough else config.cost_tolerance)
     parameters.setlambdaInitial(1e-5)
     return gtsam.LevenbergMarquardtOptimizer(graph, values, parameters).optimize()
 

@@ -30,7 +30,7 @@ class KindFit:
     log_prior: float  # density of the joint alone, at the solution
     log_frames: float  # what the frames say with their states marginalised, latent points held
     log_det: float  # of the information on joint, reference and latent points, states marginalised
-    tau: float  # frames that count as one observation
+    tau: float  # observations (neighbours in time and space) that count as one
     cov_factor: float  # of `cov` over the inverse of the graph's information
     d2: FloatArray  # (T, N) squared errors in units of the *given* covariances
     residual_joint: FloatArray  # (T, N, 3) metres, in the joint's axes
@@ -40,7 +40,7 @@ class KindFit:
 
     @property
     def log_evidence(self) -> float:
-        """Laplace evidence, frames counted once every tau.
+        """Laplace evidence, one in tau observations counted.
 
         The marginal likelihood of joint, reference and latent points (states integrated out
         frame by frame) to the power 1 / tau, times their prior, integrated by Laplace's method.

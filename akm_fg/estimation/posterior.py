@@ -89,6 +89,7 @@ class FitReport:
     rms_m: float  # of the inliers' residuals
     noise_scale: float  # estimated over assumed noise; metres where no noise was given
     correlation_frames: float  # integrated autocorrelation time of the residuals
+    correlation_points: float  # neighbouring points that err together
     parametric: bool  # False when no kind explains the data
     warnings: tuple[str, ...] = ()
 

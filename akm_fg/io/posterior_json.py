@@ -48,6 +48,7 @@ def posterior_as_dict(posterior: ArticulationPosterior) -> dict[str, Any]:
             "rms_m": posterior.fit.rms_m,
             "noise_scale": posterior.fit.noise_scale,
             "correlation_frames": posterior.fit.correlation_frames,
+            "correlation_points": posterior.fit.correlation_points,
             "parametric": posterior.fit.parametric,
             "warnings": list(posterior.fit.warnings),
         },
