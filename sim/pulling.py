@@ -26,10 +26,10 @@ class PullConfig:
     damping_n_s_m: float = 60.0  # on the speed error along the way
     across_n_s_m: float = 40.0  # on speed across the way
     force_max_n: float = 40.0  # what gives at less is a moving part
-    rotation_n_m_rad: float = 15.0
-    rotation_damping: float = 3.0  # N m s/rad
+    rotation_n_m_rad: float = 6.0
+    rotation_damping: float = 1.0  # N m s/rad
     moment_max_n_m: float = 1.2  # what flat pads on a bar hold without tilting
-    follow_s: float = 0.25  # time constant of the wanted orientation
+    follow_s: float = 0.2  # time constant of the wanted orientation
     memory_m: float = 0.012  # path length over which the direction is measured
     stuck_s: float = 1.5  # no progress for this long at full force: it does not give
     progress_m: float = 0.002  # what counts as progress in that time

@@ -55,7 +55,7 @@ def test_grasp_and_pull_open_the_part_by_friction_and_follow_takes_it_back(
         pull = arm.pull(episode.pull_direction_world, distance_m, TICK_S)
         samples.append(run(pull, episode))
         assert world.part_state() > enough
-        samples.append(run(arm.follow(arc(episode, goal, 4.0), TICK_S), episode))
+        samples.append(run(arm.follow(arc(episode, goal, 3.0), TICK_S), episode))
         assert abs(world.part_state() - goal) < (0.003 if name == "drawer" else 0.02)
         assert arm.holding()
         offset = slip(episode)
