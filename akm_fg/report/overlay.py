@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
@@ -77,6 +77,11 @@ def enlargement(width_px: int, config: OverlayConfig) -> int:
     return max(1, -(-config.min_width_px // width_px))
 
 
+def region_name(kind: str) -> str:
+    """What the 95 % region of an axis looks like."""
+    return "cone" if kind == "prismatic" else "band"
+
+
 def draw_frame(
     frame: RgbdFrame,
     index: int,
@@ -85,6 +90,7 @@ def draw_frame(
     state: float = 0.0,
     truth: JointTruth | None = None,
     config: OverlayConfig | None = None,
+    magnification: int = 1,
 ) -> Image:
     """One frame with everything that is known of it.
 
@@ -97,6 +103,8 @@ def draw_frame(
         state: of the joint in this frame, metres or radians; NaN where unknown.
         truth: its axis, dashed.
         config: looks.
+        magnification: of the axis' uncertainty where it is too small to be seen; the picture
+            says so. The axis and the truth stay where they are.
 
     Returns:
         RGB (k H, k W, 3), k the whole factor that reaches `min_width_px`.
@@ -106,6 +114,8 @@ def draw_frame(
     size = (frame.camera.width * scale, frame.camera.height * scale)
     enlarged = cv2.resize(frame.rgb, size, interpolation=cv2.INTER_CUBIC)
     canvas = _Canvas(np.ascontiguousarray(enlarged, dtype=np.uint8), scale)
+    if joint is not None:
+        joint = replace(joint, cov=joint.cov * magnification**2)
     drawn = None if joint is None else _drawn_axis(frame, joint, state, config)
     if joint is not None and drawn is not None:  # below the dots, which keep their colours
         _draw_region(canvas, *drawn, joint.kind, config)
@@ -115,6 +125,8 @@ def draw_frame(
         _draw_line(canvas, *drawn, config)
         if truth is not None and truth.kind == joint.kind:
             _draw_truth(canvas, frame, joint, state, truth, config)
+        if magnification != 1:
+            _draw_words(canvas, f"95 % {region_name(joint.kind)} drawn {magnification} x as wide")
     return canvas.rgb
 
 
@@ -171,6 +183,17 @@ def _draw_line(
     start = axis.uv[int(np.argmin(np.abs(axis.along_m)))]
     canvas.disc(start, config.outline, 6.0)
     canvas.disc(start, config.axis, 4.0)
+
+
+def _draw_words(canvas: _Canvas, words: str) -> None:
+    """In the lower left corner, dark on light."""
+    font, size = cv2.FONT_HERSHEY_SIMPLEX, canvas.rgb.shape[1] / 1400
+    (width, height), below = cv2.getTextSize(words, font, size, 1)
+    bottom = canvas.rgb.shape[0]
+    box = slice(bottom - height - below - 14, bottom), slice(0, width + 16)
+    canvas.rgb[box] = canvas.rgb[box] // 5 + 204
+    at = (8, bottom - below - 5)
+    cv2.putText(canvas.rgb, words, at, font, size, (20, 20, 20), 1, cv2.LINE_AA)
 
 
 def _draw_arrow_head(canvas: _Canvas, axis: AxisInImage, config: OverlayConfig) -> None:

@@ -9,8 +9,8 @@ from html import escape as escape_html
 import numpy as np
 
 from akm_fg.estimation.posterior import normal_bound
-from akm_fg.report.overlay import Colour, OverlayConfig
-from akm_fg.report.pictures import Picture, axis_note, pictures
+from akm_fg.report.overlay import Colour, OverlayConfig, region_name
+from akm_fg.report.pictures import Picture, axis_note, band_magnification, pictures
 from akm_fg.report.plots import kinds_svg, states_svg
 from akm_fg.report.rows import Row, score_rows
 from akm_fg.report.sentences import reading, verdict, what_was_done
@@ -90,8 +90,11 @@ def _legend(summary: RunSummary, config: OverlayConfig) -> str:
         ]
     joint = summary.posterior.best.joint if summary.posterior is not None else None
     if joint is not None:
-        region = "cone" if joint.kind == "prismatic" else "band"
-        items.append(f"{mark(config.axis, 'line')}axis with its 95 % {region}")
+        words = f"axis with its 95 % {region_name(joint.kind)}"
+        factor = band_magnification(summary, config)
+        if factor != 1:
+            words += f", drawn {factor} × as wide"
+        items.append(mark(config.axis, "line") + words)
         if summary.truth is not None and summary.truth.kind == joint.kind:
             items.append('<i class="dash"></i>true axis')
     return '<ul class="legend">' + "".join(f"<li>{item}</li>" for item in items) + "</ul>"
@@ -127,7 +130,7 @@ def _plots(summary: RunSummary) -> str:
     if states is not None:
         plots.append((states, "State over time, and the size of its uncertainty."))
     if summary.posterior is not None:
-        kinds = kinds_svg(summary.posterior.kind_probability, CONFIDENCE)
+        kinds = kinds_svg(summary.posterior, CONFIDENCE)
         plots.append((kinds, "Probability of each joint kind."))
     figures = "".join(
         f'<figure role="img" aria-label="{words}"><div class="plot">{svg}</div>'

@@ -7,14 +7,16 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from akm_fg.estimation.posterior import JointPosterior
-from akm_fg.report.axis_image import axis_of_joint
-from akm_fg.report.overlay import Image, OverlayConfig, draw_frame, enlargement
+from akm_fg.estimation.posterior import JointPosterior, normal_bound
+from akm_fg.report.axis_image import ELLIPSE_SIGMAS, axis_of_joint
+from akm_fg.report.overlay import Image, OverlayConfig, draw_frame, enlargement, region_name
 from akm_fg.report.summary import RunSummary
 from akm_fg.report.wording import size, state
 
 _JPEG_QUALITY = 85
-_THIN_BAND_PX = 3.0  # half width in the enlarged picture below which the line hides its band
+_THIN_BAND_PX = 4.0  # half width in the enlarged picture below which the line hides its band
+_VISIBLE_BAND_PX = 12.0  # half width to which a thinner one is magnified
+_MAGNIFICATIONS = (5, 10, 20, 50, 100, 200, 500, 1000, 2000, 5000)
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,12 +47,13 @@ def pictures(summary: RunSummary, config: OverlayConfig | None = None) -> tuple[
 
 def _picture(summary: RunSummary, index: int, config: OverlayConfig) -> Picture:
     frames = summary.recording.frames
-    states = summary.frame_states
-    known = states is not None and index < len(states.mean)
-    q = float(states.mean[index]) if states is not None and known else float("nan")
+    states, q = summary.frame_states, _state_at(summary, index)
     joint = summary.posterior.best.joint if summary.posterior is not None else None
-    image = draw_frame(frames[index], index, summary.tracks, joint, q, summary.truth, config)
-    words = [f"Frame {index} of {len(frames) - 1}, {_phase(summary, index)}"]
+    factor = band_magnification(summary, config)
+    image = draw_frame(
+        frames[index], index, summary.tracks, joint, q, summary.truth, config, factor
+    )
+    words = [f"Frame {index} (of 0–{len(frames) - 1}), {_phase(summary, index)}"]
     words.append(f"{frames[index].stamp_s - frames[0].stamp_s:.1f} s")
     if states is not None:
         words.append(f"state {state(q, states.unit)}" if np.isfinite(q) else "state not seen")
@@ -60,47 +63,77 @@ def _picture(summary: RunSummary, index: int, config: OverlayConfig) -> Picture:
     return Picture(_jpeg(image), ", ".join(words) + ".", width, height)
 
 
+def _state_at(summary: RunSummary, index: int) -> float:
+    """NaN where unknown."""
+    states = summary.frame_states
+    known = states is not None and index < len(states.mean)
+    return float(states.mean[index]) if states is not None and known else float("nan")
+
+
 def _phase(summary: RunSummary, index: int) -> str:
     if summary.closed_loop_frame is None:
         return "recording"
     return "pull" if index < summary.closed_loop_frame else "closed loop"
 
 
+def band_magnification(summary: RunSummary, config: OverlayConfig | None = None) -> int:
+    """How many times as wide as it is the axis' 95 % region is drawn; 1 where it can be seen."""
+    half = _half_width_px(summary, config or OverlayConfig())
+    if half is None or half == 0 or half >= _THIN_BAND_PX:
+        return 1
+    wanted = _VISIBLE_BAND_PX / half
+    return next((m for m in _MAGNIFICATIONS if m >= wanted), _MAGNIFICATIONS[-1])
+
+
 def axis_note(summary: RunSummary, config: OverlayConfig | None = None) -> str | None:
-    """What the axis in the pictures says in numbers, and whether its band can be seen at all."""
+    """What the axis in the pictures says in numbers, and whether its band is to scale."""
     config = config or OverlayConfig()
     joint = summary.posterior.best.joint if summary.posterior is not None else None
     if joint is None:
         return None
     angle = size(joint.axis_bound_rad(), "rad")
     if joint.kind == "prismatic":
-        text = f"The arrow shows the sliding direction, with 95 % probability true to {angle}"
+        text = f"The arrow shows the sliding direction, with 95 % probability true to {angle}. "
     else:
         place = size(joint.pivot_bound_m(), "m")
         text = (
             f"The line shows the hinge axis, with 95 % probability true to {angle} "
-            f"and to {place} at the pivot (the dot)"
+            f"and to {place} at the pivot (the dot). "
         )
     return text + _width_note(summary, joint, config)
 
 
 def _width_note(summary: RunSummary, joint: JointPosterior, config: OverlayConfig) -> str:
-    frame = summary.recording.frames[shown_frames(summary)[0]]
+    half = _half_width_px(summary, config)
+    name, factor = region_name(joint.kind), band_magnification(summary, config)
+    if half is None:
+        return "It lies outside the picture, or the camera looks along it."
+    if factor == 1:
+        return f"Its {name} is to scale and reaches {half:.0f} px to either side of the line."
+    width = "less than 0.1 px" if half < 0.1 else f"{half:.1f} px"
+    return (
+        f"Its {name} reaches {width} to either side, which cannot be seen: it is drawn {factor} "
+        "times as wide as it is. The lines are where they are."
+    )
+
+
+def _half_width_px(summary: RunSummary, config: OverlayConfig) -> float | None:
+    """Largest half width of the 95 % region in the main, enlarged picture; None if unseen."""
+    joint = summary.posterior.best.joint if summary.posterior is not None else None
+    if joint is None:
+        return None
+    index = shown_frames(summary)[0]
+    frame = summary.recording.frames[index]
     reach = config.arrow_m if joint.kind == "prismatic" else config.reach_m
-    axis = axis_of_joint(joint, 0.0, frame.camera, frame.T_world_cam, reach)
+    q = _state_at(summary, index)
+    axis = axis_of_joint(joint, q, frame.camera, frame.T_world_cam, reach)
     inside = ((axis.uv >= 0) & (axis.uv < (frame.camera.width, frame.camera.height))).all(axis=1)
     half = axis.half_width_px[inside & np.isfinite(axis.half_width_px)]
-    half = half * enlargement(frame.camera.width, config)
-    if not inside.any():
-        return ". It lies outside the picture."
     if not half.size:
-        return ". The camera looks along it, so it shows as a point."
-    name = "cone" if joint.kind == "prismatic" else "band"
-    if half.max() < _THIN_BAND_PX:
-        return (
-            f". Its {name} is at most {half.max():.1f} px wide to either side: the line hides it."
-        )
-    return f". Its {name} reaches up to {half.max():.0f} px to either side of the line."
+        return None
+    # A cone's end is an ellipse, of two dimensions.
+    shape = ELLIPSE_SIGMAS / normal_bound() if joint.kind == "prismatic" else 1.0
+    return float(half.max()) * shape * enlargement(frame.camera.width, config)
 
 
 def _jpeg(image: Image) -> bytes:

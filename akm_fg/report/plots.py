@@ -11,7 +11,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from akm_fg.estimation.posterior import StatePosterior, normal_bound
+from akm_fg.estimation.posterior import ArticulationPosterior, StatePosterior, normal_bound
 from akm_fg.records import FloatArray
 from akm_fg.report.score import aligned_truth
 from akm_fg.report.summary import RunSummary
@@ -21,9 +21,8 @@ _ESTIMATE = "#c2006f"
 _TRUTH = "#111111"
 _TARGET = "#1a7f37"
 _PHASES = {"pull": "#fff3e0", "closed loop": "#e3f2fd"}
-_STYLE: dict[Any, Any] = {"font.size": 9, "svg.fonttype": "path", "axes.spines.top": False,
+_STYLE: dict[Any, Any] = {"font.size": 10, "svg.fonttype": "path", "axes.spines.top": False,
           "axes.spines.right": False, "figure.constrained_layout.use": True}  # fmt: skip
-_KINDS = ("rigid", "prismatic", "revolute")
 
 
 def states_svg(summary: RunSummary) -> str | None:
@@ -37,7 +36,7 @@ def states_svg(summary: RunSummary) -> str | None:
         return None
     stamps = np.array([frame.stamp_s for frame in summary.recording.frames])
     with matplotlib.rc_context(_STYLE):
-        figure = Figure(figsize=(5.2, 4.8))
+        figure = Figure(figsize=(4.4, 4.6))
         top, bottom = figure.subplots(2, 1, sharex=True, height_ratios=(5, 3))
         time_s = stamps - stamps[0]
         true = _true_states(summary, states)
@@ -71,7 +70,7 @@ def _shade_phases(top: Axes, bottom: Axes, summary: RunSummary, time_s: FloatArr
             axes.axvspan(start, stop, color=_PHASES[name], lw=0, zorder=0)
         top.text(
             (start + stop) / 2, 1.01, name, transform=top.get_xaxis_transform(),
-            ha="center", va="bottom", color="#555555", fontsize=8,
+            ha="center", va="bottom", color="#555555", fontsize=9,
         )  # fmt: skip
 
 
@@ -119,33 +118,33 @@ def _draw_errors(
 def _finish(axes: Axes, states: StatePosterior) -> None:
     name = "opening angle" if states.unit == "rad" else "opening"
     axes.set_ylabel(f"{name} [{unit_name(states.unit)}]")
-    axes.legend(loc="best", fontsize=8, framealpha=0.85, edgecolor="none")
+    axes.legend(loc="best", fontsize=9, framealpha=0.85, edgecolor="none")
 
 
-def kinds_svg(kind_probability: dict[str, float], decided_from: float) -> str:
+def kinds_svg(posterior: ArticulationPosterior, decided_from: float) -> str:
     """One bar a kind, with its probability and log10 odds in numbers.
 
     Args:
-        kind_probability: kind -> probability.
+        posterior: kinds that it has a probability for but no fit are said to be not fitted.
         decided_from: probability from which a kind is named, marked by a line.
     """
-    kinds = [k for k in _KINDS if k in kind_probability]
-    kinds += [k for k in kind_probability if k not in _KINDS]
+    probabilities = posterior.kind_probability
     with matplotlib.rc_context(_STYLE):
-        figure = Figure(figsize=(5.2, 0.9 + 0.55 * len(kinds)))
+        figure = Figure(figsize=(4.4, 0.8 + 0.6 * len(probabilities)))
         axes = figure.subplots()
-        for i, kind in enumerate(kinds):
-            p = kind_probability[kind]
-            others = sum(q for k, q in kind_probability.items() if k != kind)
+        for i, (kind, p) in enumerate(probabilities.items()):
+            others = sum(q for k, q in probabilities.items() if k != kind)
             axes.barh(i, p, color=_ESTIMATE if p >= decided_from else "#9a9a9a", height=0.55)
-            text = f"{probability(p)}   log₁₀ odds {log10_odds(p, others)}"
-            axes.text(1.06, i, text, va="center", fontsize=9)
+            text = f"{probability(p)}\nlog₁₀ odds {log10_odds(p, others)}"
+            if kind not in posterior.alternatives:
+                text = "not fitted"
+            axes.text(1.06, i, text, va="center", linespacing=1.3)
         axes.axvline(decided_from, color="#555555", lw=0.8, ls=":")
-        axes.set_yticks(range(len(kinds)), kinds)
+        axes.set_yticks(range(len(probabilities)), list(probabilities))
         axes.set_xlim(0, 1.04)
         axes.set_xticks([0, 0.5, 1], ["0", "0.5", "1"])
         axes.set_xlabel("probability")
-        axes.set_ylim(len(kinds) - 0.5, -0.5)
+        axes.set_ylim(len(probabilities) - 0.5, -0.5)
         return _svg(figure, "kinds")
 
 

@@ -51,7 +51,8 @@ def state(value: float | None, unit: Unit) -> str:
     """A joint state, to hundredths of a degree or of a centimetre."""
     if value is None or not math.isfinite(value):
         return NONE
-    return _spaced(f"{float(to_person(value, unit)):.2f}".replace("-", "−"), unit)
+    shown = round(float(to_person(value, unit)), 2) + 0.0  # no negative zero
+    return _spaced(f"{shown:.2f}".replace("-", "−"), unit)
 
 
 def chosen(value: float, unit: Unit) -> str:
@@ -103,7 +104,7 @@ def _power(p: float) -> str:
 
 def vector(v: FloatArray, digits: int = 3, scale: float = 1.0) -> str:
     """A point or direction ("(0.012, −0.003, 1.000)")."""
-    numbers = (f"{x:.{digits}f}" for x in np.asarray(v) * scale + 0.0)
+    numbers = (f"{x:.{digits}f}" for x in np.round(np.asarray(v) * scale, digits) + 0.0)
     return "(" + ", ".join(n.replace("-", "−") for n in numbers) + ")"
 
 

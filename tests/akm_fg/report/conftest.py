@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import fields
 from functools import cache
 
 import cv2
@@ -140,11 +141,9 @@ def make_posterior(kind: str, named: str | None = None, **fit) -> ArticulationPo
     alternatives = {"rigid": KindPosterior(None, None, -1e4)}
     for k in ("prismatic", "revolute"):
         alternatives[k] = KindPosterior(joint_posterior(k), state_posterior(k), -10.0)
-    report = {
-        "log_evidence": -10.0, "tracks_used": 38, "tracks_rejected": 4, "rms_m": 0.0021,
-        "noise_scale": 1.1, "correlation_frames": 1.0, "parametric": True, "warnings": (),
-    }  # fmt: skip
-    report.update(fit)
+    report = dict.fromkeys((f.name for f in fields(FitReport)), 1.0)
+    report |= {"tracks_used": 38, "tracks_rejected": 4, "rms_m": 0.0021}
+    report |= {"parametric": True, "warnings": (), **fit}
     return ArticulationPosterior(
         "synthetic/cabinet", named or kind, p, alternatives, FitReport(**report), {"total": 0.1}
     )

@@ -90,3 +90,20 @@ def test_an_axis_outside_the_picture_changes_nothing(scenes):
     np.testing.assert_array_equal(
         draw_frame(frame, 0, None, joint), draw_frame(frame, 0, None, None)
     )
+
+
+def test_a_magnified_band_is_wider_says_so_and_leaves_the_axis_where_it_is(scenes):
+    frame = scenes.recording("revolute", scenes.states("revolute")).frames[0]
+    plain, true, wide = (
+        draw_frame(frame, 0, None, scenes.joint("revolute", 1e-4, 1e-4), magnification=m)
+        if m
+        else draw_frame(frame, 0, None, None)
+        for m in (0, 1, 200)
+    )
+    corner = slice(-20, None), slice(0, 200)
+    assert (wide[corner] != plain[corner]).any() and (true[corner] == plain[corner]).all()
+    above = slice(0, -30)  # the words are below
+    changed = [(image[above] != plain[above]).any(axis=2) for image in (true, wide)]
+    assert changed[1].sum() > 2 * changed[0].sum()
+    centres = [np.argwhere(c)[:, 1].mean() for c in changed]
+    np.testing.assert_allclose(*centres, atol=6)

@@ -8,6 +8,8 @@ import pytest
 from akm_fg.errors import OutputError
 from akm_fg.estimation.posterior import StatePosterior
 from akm_fg.report.page import render_page
+from akm_fg.report.pictures import band_magnification
+from akm_fg.report.plots import kinds_svg
 from akm_fg.report.write import write_report
 
 
@@ -49,8 +51,8 @@ def test_names_inside_the_plots_are_unique_and_resolve(page):
         "Target reached. Revolute, probability > 99.9 %. Final error −0.57° (tolerance 3°).",
         "moving part (36 points)",
         "axis with its 95 % band",
-        "Frame 7 of 11, pull",
-        "Frame 11 of 11, closed loop",
+        "Frame 7 (of 0–11), pull",
+        "Frame 11 (of 0–11), closed loop",
         "95 % probability true to 1.4°",
         "joint kind",
         "axis direction",
@@ -93,6 +95,39 @@ def test_the_same_run_gives_the_same_page(scenes, page):
 def test_a_drawer_has_no_pivot(scenes):
     text = text_of(render_page(scenes.summary("prismatic")))
     assert "none: a sliding joint has no pivot" in text and "cone" in text
+
+
+def with_joint(posterior, joint):
+    fits = dict(posterior.alternatives)
+    fits[joint.kind] = replace(fits[joint.kind], joint=joint)
+    return replace(posterior, alternatives=fits)
+
+
+@pytest.mark.parametrize("kind", ["prismatic", "revolute"])
+def test_a_band_too_thin_to_be_seen_is_magnified_and_says_so(scenes, kind):
+    sharp = with_joint(scenes.posterior(kind), scenes.joint(kind, 1e-4, 1e-4))
+    text = text_of(render_page(scenes.summary(kind, posterior=sharp)))
+    factor = int(re.search(r"drawn (\d+) × as wide", text)[1])
+    assert factor > 1 and f"it is drawn {factor} times as wide as it is" in text
+    vague = with_joint(scenes.posterior(kind), scenes.joint(kind, 0.1, 0.03))
+    text = text_of(render_page(scenes.summary(kind, posterior=vague)))
+    assert "is to scale" in text and "× as wide" not in text
+
+
+def test_the_magnified_band_is_about_as_wide_as_a_line_can_show(scenes):
+    sharp = scenes.summary("revolute", posterior=with_joint(
+        scenes.posterior("revolute"), scenes.joint("revolute", 1e-4, 1e-4)))  # fmt: skip
+    half_px = 1.96 * 1e-4 * 0.5 * 300 / 1.2 * 3  # tilt, reach, focal length, distance, enlargement
+    factor = band_magnification(sharp)
+    assert 8 < half_px * factor < 40
+
+
+def test_a_kind_without_a_fit_has_no_odds(scenes):
+    posterior = scenes.posterior("revolute")
+    posterior = replace(posterior, kind_probability={**posterior.kind_probability, "helical": 0.0})
+    assert kinds_svg(posterior, 0.95) != kinds_svg(scenes.posterior("revolute"), 0.95)
+    assert "helical" not in posterior.alternatives
+    render_page(scenes.summary("revolute", posterior=posterior))
 
 
 def test_a_program_that_is_wrong_about_its_success_is_found_out(scenes):
