@@ -257,7 +257,7 @@ def test_state_information_is_that_with_joint_and_points_held(kind, case, scene,
 
 def test_states_alone_step_back_to_the_truth_from_exact_points(kind, case, scene):
     s = scene(kind, case, sigma=0)
-    q = s.q + [0.1, -0.05, 0.02, 0.08]
+    q = s.q + np.array([0.1, -0.05, 0.02, 0.08])
     for _ in range(30):
         step, _ = state_step(kind, s.T_world_joint, q, s.x_joint.T, s.tracks, ROBUST, 1.0)
         q = q + step

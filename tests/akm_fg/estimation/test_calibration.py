@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 
+import gtsam
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
@@ -9,6 +10,10 @@ from scipy import stats
 
 from akm_fg.estimation.config import FitConfig
 from akm_fg.estimation.fit import fit_tracks
+from factors.finite_differences import central_difference
+
+SIGMA_M = 0.003  # of every coordinate in the openings
+GAUSSIAN = replace(FitConfig(), dof=1e6, noise_prior_observations=1e9)  # and the noise as given
 
 # kind, travel, largest median axis error in degrees
 CELLS = [
@@ -75,14 +80,73 @@ def test_covariance_of_a_drawer_is_the_one_worked_on_paper(opening):
 
     A straight line fitted to the mean points of the frames, whose first is as noisy as the rest.
     """
-    N, sigma = 200, 0.003
+    N, sigma = 200, SIGMA_M
     truth = opening(0, "prismatic", points=N)
-    config = replace(FitConfig(), dof=1e6, noise_prior_observations=1e9)  # Gaussian, noise given
-    fit = fit_tracks(truth.tracks, config=config).best
+    fit = fit_tracks(truth.tracks, config=GAUSSIAN).best
     var_w = sigma**2 / (N * ((truth.q - truth.q.mean()) ** 2).sum())
     assert_allclose(fit.states.sd[0], 0.0)
     assert_allclose(fit.states.sd[1:] ** 2, 2 * sigma**2 / N, rtol=0.06)
     assert_allclose(fit.joint.cov[:2, :2], np.eye(2) * var_w, rtol=0.06, atol=0.06 * var_w)
+
+
+def test_evidence_of_rigid_is_the_integral_worked_on_paper(opening):
+    """A coordinate seen T times: (2 pi s^2)^(-(T-1)/2) T^(-1/2) exp(-sum (p - mean)^2 / 2s^2)."""
+    still = opening(0, "prismatic", travel=0.0, points=30, frames=6)
+    p, T = still.tracks.p_world, 6
+    misfit = ((p - p.mean(axis=0)) ** 2).sum() / SIGMA_M**2
+    want = -0.5 * misfit - 90 * ((T - 1) / 2 * np.log(2 * np.pi * SIGMA_M**2) + np.log(T) / 2)
+    posterior = fit_tracks(still.tracks, config=GAUSSIAN)
+    assert posterior.fit.tracks_rejected == 0
+    assert_allclose(posterior.alternatives["rigid"].log_evidence, want, atol=0.05)
+
+
+def test_evidence_of_a_drawer_is_laplaces_over_axis_states_and_points(opening):
+    """Dense: all residuals stacked, the whole Hessian by differences, one determinant.
+
+    Priors: axis uniform on the half sphere, states uniform over a metre, points flat.
+    """
+    truth = opening(0, "prismatic", points=12, frames=6)
+    p, (T, N, _) = truth.tracks.p_world, truth.tracks.p_world.shape
+    posterior = fit_tracks(truth.tracks, config=GAUSSIAN)
+    assert posterior.fit.tracks_rejected == 0
+    fit = posterior.alternatives["prismatic"]
+    R, q = fit.joint.T_world_joint[:3, :3], fit.states.mean
+    x = (p - q[:, None, None] * R[:, 2]).mean(axis=0)
+
+    def residual(delta):
+        axis = R @ gtsam.Rot3.Expmap(np.array([delta[0], delta[1], 0.0])).matrix()[:, 2]
+        states = q + np.concatenate([[0.0], delta[2 : T + 1]])
+        moved = x + delta[T + 1 :].reshape(N, 3)
+        return ((p - moved - states[:, None, None] * axis) / SIGMA_M).ravel()
+
+    zero = np.zeros(T + 1 + 3 * N)
+    J, r = central_difference(residual, zero), residual(zero)
+    want = (
+        -0.5 * r @ r
+        - r.size * np.log(SIGMA_M * np.sqrt(2 * np.pi))
+        - np.log(2 * np.pi)
+        + zero.size / 2 * np.log(2 * np.pi)
+        - 0.5 * np.linalg.slogdet(J.T @ J)[1]
+    )
+    assert_allclose(fit.log_evidence, want, atol=0.05)
+
+
+def test_noise_that_lasts_some_frames_is_counted_once_not_once_a_frame(opening, score):
+    """AR(1) noise, correlation 0.7 from frame to frame: 5.7 frames count as one."""
+    nees, dof, times = 0.0, 0, []
+    for seed in range(12):
+        clean = opening(seed, "revolute", points=20, frames=40, noise_m=0.0, steady=True)
+        rng, p = np.random.default_rng(seed), clean.tracks.p_world
+        noise = SIGMA_M * rng.normal(size=p.shape)
+        for t in range(1, 40):
+            noise[t] = 0.7 * noise[t - 1] + np.sqrt(1 - 0.7**2) * noise[t]
+        p += noise
+        posterior = fit_tracks(clean.tracks)
+        error = score(posterior, clean)
+        nees, dof = nees + error.nees, dof + error.dimensions
+        times.append(posterior.fit.correlation_frames)
+    assert 3.5 < np.median(times) < 9
+    assert 0.4 < nees / dof < 1.8
 
 
 def test_covariance_shrinks_with_the_number_of_points(kind, opening):

@@ -88,6 +88,12 @@ def test_a_drawer_with_one_position_off_by_ten_centimetres_stays_a_drawer():
     assert_allclose(posterior.best.joint.axis, axis, atol=0.03)
 
 
+def test_pivot_of_a_path_is_the_point_of_the_axis_nearest_to_its_start():
+    poses, *_ = _handle(9, "revolute", 1.0)
+    joint = fit_poses(poses).best.joint
+    assert abs((poses.p_world[0] - joint.pivot) @ joint.axis) < 1e-5
+
+
 def test_orientations_make_the_axis_of_a_door_better_known():
     poses, *_ = _handle(5, "revolute", 0.3)
     with_them = fit_poses(poses).alternatives["revolute"].joint.axis_sd_rad
