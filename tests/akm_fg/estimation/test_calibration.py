@@ -14,6 +14,7 @@ from factors.finite_differences import central_difference
 
 SIGMA_M = 0.003  # of every coordinate in the openings
 GAUSSIAN = replace(FitConfig(), dof=1e6, noise_prior_observations=1e9)  # and the noise as given
+# Frames below eight and points below eight are too few to look for correlations in.
 
 # kind, travel, largest median axis error in degrees
 CELLS = [
@@ -91,10 +92,10 @@ def test_covariance_of_a_drawer_is_the_one_worked_on_paper(opening):
 
 def test_evidence_of_rigid_is_the_integral_worked_on_paper(opening):
     """A coordinate seen T times: (2 pi s^2)^(-(T-1)/2) T^(-1/2) exp(-sum (p - mean)^2 / 2s^2)."""
-    still = opening(0, "prismatic", travel=0.0, points=30, frames=6)
+    still = opening(0, "prismatic", travel=0.0, points=7, frames=6)
     p, T = still.tracks.p_world, 6
     misfit = ((p - p.mean(axis=0)) ** 2).sum() / SIGMA_M**2
-    want = -0.5 * misfit - 90 * ((T - 1) / 2 * np.log(2 * np.pi * SIGMA_M**2) + np.log(T) / 2)
+    want = -0.5 * misfit - 21 * ((T - 1) / 2 * np.log(2 * np.pi * SIGMA_M**2) + np.log(T) / 2)
     posterior = fit_tracks(still.tracks, config=GAUSSIAN)
     assert posterior.fit.tracks_rejected == 0
     assert_allclose(posterior.alternatives["rigid"].log_evidence, want, atol=0.05)
@@ -105,7 +106,7 @@ def test_evidence_of_a_drawer_is_laplaces_over_axis_states_and_points(opening):
 
     Priors: axis uniform on the half sphere, states uniform over a metre, points flat.
     """
-    truth = opening(0, "prismatic", points=12, frames=6)
+    truth = opening(0, "prismatic", points=7, frames=6)
     p, (T, N, _) = truth.tracks.p_world, truth.tracks.p_world.shape
     posterior = fit_tracks(truth.tracks, config=GAUSSIAN)
     assert posterior.fit.tracks_rejected == 0
@@ -134,7 +135,7 @@ def test_evidence_of_a_drawer_is_laplaces_over_axis_states_and_points(opening):
 def test_noise_that_lasts_some_frames_is_counted_once_not_once_a_frame(opening, score):
     """AR(1) noise, correlation 0.7 from frame to frame: 5.7 frames count as one."""
     nees, dof, times = 0.0, 0, []
-    for seed in range(12):
+    for seed in range(6):
         clean = opening(seed, "revolute", points=20, frames=40, noise_m=0.0, steady=True)
         rng, p = np.random.default_rng(seed), clean.tracks.p_world
         noise = SIGMA_M * rng.normal(size=p.shape)
