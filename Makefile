@@ -1,0 +1,54 @@
+# Everything works in .venv, which the first target that needs it sets up; the second run does not.
+#   make demo    the main job: a simulated robot opens a cabinet it has never seen
+#   make test    the tests
+#   make check   ruff, mypy and the tests
+#   make slow    the statistical and long tests
+#   make bench   timings
+#   make lock    renew requirements.lock from setup.cfg
+
+PYTHON ?= $(shell command -v python3.11 || command -v python3)
+VENV := .venv
+BIN := $(VENV)/bin
+READY := $(VENV)/.ready
+PIP := $(BIN)/python -m pip --disable-pip-version-check --quiet
+# Byte code is made at first import: compiling all of it takes longer than the tests need.
+INSTALL := $(PIP) install --no-compile
+
+.PHONY: demo test check slow bench lock clean
+
+demo: $(READY)
+	$(BIN)/akm-fg demo
+
+test: $(READY)
+	$(BIN)/python -m pytest
+
+check: $(READY)
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+	$(BIN)/mypy
+	$(BIN)/python -m pytest
+
+slow: $(READY)
+	$(BIN)/python -m pytest -m slow --durations=10
+
+bench: $(READY)
+	$(BIN)/python -m pytest -m "slow or not slow" --benchmark-only --benchmark-disable-gc
+
+$(READY): requirements.lock setup.cfg pyproject.toml
+	@echo "setting up $(VENV) (once, about two minutes)"
+	@$(PYTHON) -c 'import sys; v = sys.version_info[:2]; sys.exit(0 if v == (3, 11) else "Python 3.11 is needed (PyBullet has no wheel for others), this is %d.%d; set PYTHON=" % v)'
+	test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)
+	$(INSTALL) -r requirements.lock
+	$(INSTALL) --no-deps --no-build-isolation --editable .
+	touch $@
+
+lock:
+	rm -rf .venv-lock
+	$(PYTHON) -m venv .venv-lock
+	.venv-lock/bin/python -m pip --quiet install "setuptools>=77" ".[sim,test,dev]"
+	( echo "# Exact versions of everything \`make\` installs (CPython 3.11). Renew with \`make lock\`."; \
+	  .venv-lock/bin/python -m pip freeze --all --exclude akm-fg --exclude pip ) > requirements.lock
+	rm -rf .venv-lock
+
+clean:
+	rm -rf $(VENV) .venv-lock build *.egg-info .pytest_cache .mypy_cache .ruff_cache .benchmarks
