@@ -10,10 +10,17 @@ from scipy import stats
 
 from akm_fg.estimation.config import FitConfig
 from akm_fg.estimation.fit import fit_tracks
+from akm_fg.estimation.rigid_motion import RigidMotionConfig
 from factors.finite_differences import central_difference
 
 SIGMA_M = 0.003  # of every coordinate in the openings
-GAUSSIAN = replace(FitConfig(), dof=1e6, noise_prior_observations=1e9)  # and the noise as given
+# The noise as given, and no track rejected.
+GAUSSIAN = replace(
+    FitConfig(),
+    dof=1e6,
+    noise_prior_observations=1e9,
+    rigid_motion=RigidMotionConfig(inlier_sigmas=100.0),
+)
 # Frames below eight and points below eight are too few to look for correlations in.
 
 # kind, travel, largest median axis error in degrees
