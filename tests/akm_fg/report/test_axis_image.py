@@ -83,3 +83,17 @@ def test_the_arrow_of_a_drawer_moves_with_its_state():
     axis = axis_of_joint(joint, 0.4, CAMERA, AT_ORIGIN, 0.2, n=3)
     np.testing.assert_allclose(axis.uv[:, 0], [120, 125, 130])
     assert axis.half_width_px[0] == 0 < axis.half_width_px[-1]
+
+
+def test_an_axis_held_at_one_place_has_a_waist_there():
+    # seen along y and along x of the line in turn, so that each tilt shows
+    for about, along, sign, R in (
+        (0, 4, 1, [[0, 0, 1.0], [0, 1, 0], [-1, 0, 0]]),
+        (1, 3, -1, [[0, 0, 1.0], [1, 0, 0], [0, 1, 0]]),
+    ):
+        direction = np.zeros(6)
+        direction[about], direction[along] = 0.02, sign * 0.3 * 0.02  # still at 0.3 m
+        cov = np.outer(direction, direction)
+        axis = project_axis(_line(np.array(R)), cov, CAMERA, AT_ORIGIN, ALONG)
+        want = 1.959964 * np.abs(ALONG - 0.3) * 0.02 * 100 / 2
+        np.testing.assert_allclose(axis.half_width_px, want, rtol=1e-6, atol=1e-6)
