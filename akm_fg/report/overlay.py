@@ -98,22 +98,17 @@ def draw_frame(
         frame: the picture and its camera.
         index: of the frame in the tracks.
         tracks: dots where the points are now, tails where they were.
-        joint: hinge axis with its 95 % band and its pivot's 95 % ellipse, or sliding direction
-            with its 95 % cone.
+        joint: hinge axis with its 95 % band, or sliding direction with its 95 % cone.
         state: of the joint in this frame, metres or radians; NaN where unknown.
         truth: its axis, dashed.
         config: looks.
-        magnification: of the axis' uncertainty where it is too small to be seen; the picture
-            says so. The axis and the truth stay where they are.
+        magnification: of the axis' uncertainty where it is too small to be seen.
 
     Returns:
         RGB (k H, k W, 3), k the whole factor that reaches `min_width_px`.
     """
     config = config or OverlayConfig()
-    scale = enlargement(frame.camera.width, config)
-    size = (frame.camera.width * scale, frame.camera.height * scale)
-    enlarged = cv2.resize(frame.rgb, size, interpolation=cv2.INTER_CUBIC)
-    canvas = _Canvas(np.ascontiguousarray(enlarged, dtype=np.uint8), scale)
+    canvas = _canvas_of(frame, config)
     if joint is not None:
         joint = replace(joint, cov=joint.cov * magnification**2)
     drawn = None if joint is None else _drawn_axis(frame, joint, state, config)
@@ -128,6 +123,13 @@ def draw_frame(
         if magnification != 1:
             _draw_words(canvas, f"95 % {region_name(joint.kind)} drawn {magnification} x as wide")
     return canvas.rgb
+
+
+def _canvas_of(frame: RgbdFrame, config: OverlayConfig) -> _Canvas:
+    scale = enlargement(frame.camera.width, config)
+    size = (frame.camera.width * scale, frame.camera.height * scale)
+    enlarged = cv2.resize(frame.rgb, size, interpolation=cv2.INTER_CUBIC)
+    return _Canvas(np.array(enlarged, dtype=np.uint8), scale)
 
 
 def _draw_tracks(canvas: _Canvas, index: int, tracks: PartTracks, config: OverlayConfig) -> None:
