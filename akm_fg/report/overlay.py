@@ -109,9 +109,7 @@ def draw_frame(
     """
     config = config or OverlayConfig()
     canvas = _canvas_of(frame, config)
-    if joint is not None:
-        joint = replace(joint, cov=joint.cov * magnification**2)
-    drawn = None if joint is None else _drawn_axis(frame, joint, state, config)
+    drawn = None if joint is None else _drawn_axis(frame, joint, state, magnification, config)
     if joint is not None and drawn is not None:  # below the dots, which keep their colours
         _draw_region(canvas, *drawn, joint.kind, config)
     if tracks is not None and index < len(tracks.pixels.visible):
@@ -153,9 +151,14 @@ def _draw_tracks(canvas: _Canvas, index: int, tracks: PartTracks, config: Overla
 
 
 def _drawn_axis(
-    frame: RgbdFrame, joint: JointPosterior, state: float, config: OverlayConfig
+    frame: RgbdFrame,
+    joint: JointPosterior,
+    state: float,
+    magnification: int,
+    config: OverlayConfig,
 ) -> tuple[AxisInImage, FloatArray] | None:
     """The axis and its 95 % ellipse (n, 2); None where the camera does not see it."""
+    joint = replace(joint, cov=joint.cov * magnification**2)
     reach = config.arrow_m if joint.kind == "prismatic" else config.reach_m
     axis = axis_of_joint(joint, state, frame.camera, frame.T_world_cam, reach)
     if len(axis.uv) < 2:
