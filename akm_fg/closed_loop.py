@@ -22,7 +22,7 @@ from akm_fg.estimation.posterior import JointPosterior, StatePosterior
 from akm_fg.interfaces import Arm, Camera
 from akm_fg.pipeline import RecordingFit, fit_recording
 from akm_fg.planning.opening_path import HandLimits, plan_opening
-from akm_fg.records import FloatArray, Recording, RgbdFrame
+from akm_fg.records import FloatArray, Recording, RgbdFrame, RoundSummary
 
 log = logging.getLogger(__name__)
 
@@ -45,16 +45,6 @@ class EpisodeConfig:
         return self.tolerance_m if kind == "prismatic" else self.tolerance_rad
 
 
-@dataclass(frozen=True, slots=True)
-class Round:
-    """One look of the closed loop."""
-
-    commanded: float | None  # state the hand was sent to before it; None for the first look
-    state_mean: float
-    state_sd: float
-    p_within_tolerance: float
-
-
 @dataclass(slots=True)
 class Episode:
     """What has happened so far; stays readable when it is interrupted."""
@@ -62,7 +52,7 @@ class Episode:
     frames: list[RgbdFrame] = field(default_factory=list)
     T_world_gripper: list[gtsam.Pose3] = field(default_factory=list)
     fit: RecordingFit | None = None
-    rounds: list[Round] = field(default_factory=list)
+    rounds: list[RoundSummary] = field(default_factory=list)
     closed_loop_frame: int | None = None
     failure: str | None = None
     time_s: dict[str, float] = field(default_factory=dict)
@@ -194,7 +184,7 @@ def _drive(arm: Arm, watch: _Watch, task: Task, config: EpisodeConfig) -> None:
         wanted, tolerance = task.target[joint.kind], config.tolerance(joint.kind)
         mean, sd = _last_state(states)
         p = probability_within(mean, sd, wanted, tolerance)
-        episode.rounds.append(Round(commanded, mean, sd, p))
+        episode.rounds.append(RoundSummary(commanded, mean, sd, p))
         if p >= config.confidence:
             return
         if number == config.max_rounds:

@@ -47,9 +47,7 @@ class Arm(Protocol):
         """Whether something is between the closed fingers."""
         ...
 
-    def pull(
-        self, direction_world: FloatArray, distance_m: float, tick_s: float
-    ) -> Iterator[None]:
+    def pull(self, direction_world: FloatArray, distance_m: float, tick_s: float) -> Iterator[None]:
         """Pull gently, starting along a unit vector, and follow where the part lets the hand go.
 
         Ends after `distance_m` of travelled path, or when the part does not give.

@@ -170,3 +170,13 @@ class TimedPath:
         n = len(self.T_world_gripper)
         _require(self.stamps_s.shape == (n,), f"stamps {self.stamps_s.shape}, expected {(n,)}")
         _require(bool(np.all(np.diff(self.stamps_s) > 0)), "stamps_s must grow strictly")
+
+
+@dataclass(frozen=True, slots=True)
+class RoundSummary:
+    """One round of the closed loop: move, then look."""
+
+    commanded: float | None  # state the hand was sent to; None where it only looked
+    state_mean: float  # the belief after looking
+    state_sd: float
+    p_within_tolerance: float  # probability that |state - target| <= tolerance

@@ -65,20 +65,30 @@ class TrackObservations:
                 "expected (T, N, 3) and (T, N, 3, 3)"
             )
         observed: NDArray[np.bool_] = np.asarray(np.isfinite(p_world).all(axis=-1))
-        cov = np.where(observed[..., None, None], cov_world, np.eye(3))
-        if not np.isfinite(cov).all():
+        packed = cov_world[..., _ROW, _COL].transpose(2, 0, 1)  # (6, T, N)
+        packed = np.where(observed, packed, np.eye(3)[_ROW, _COL][:, None, None])
+        if not np.isfinite(packed).all():
             raise ValueError("a covariance of an observed point is not finite")
-        eigenvalues = np.linalg.eigvalsh(cov)
-        if eigenvalues.min(initial=1.0) <= 0:
+        minor = packed[0] * packed[3] - packed[1] ** 2
+        with np.errstate(divide="ignore", invalid="ignore"):
+            inverse, determinant = _packed_inverse(packed)
+        if not min(packed[0].min(), minor.min(), determinant.min()) > 0:  # Sylvester's criterion
             raise ValueError("a covariance is not positive definite")
-        information = np.linalg.inv(cov)[:, :, _ROW, _COL] * observed[..., None]
+        points = np.where(observed[..., None], p_world, 0.0)
         return TrackObservations(
-            p_world=np.ascontiguousarray(
-                np.where(observed[..., None], p_world, 0.0).swapaxes(1, 2)
-            ),
-            information_world=np.ascontiguousarray(information.swapaxes(1, 2)),
+            p_world=np.ascontiguousarray(points.swapaxes(1, 2)),
+            information_world=np.ascontiguousarray((inverse * observed).swapaxes(0, 1)),
             observed=observed,
-            log_det_cov=float(np.log(eigenvalues).sum()),
+            log_det_cov=float(np.log(determinant).sum()),
+        )
+
+    def select(self, tracks: NDArray) -> TrackObservations:
+        """The tracks with these indices; `log_det_cov` is not theirs and NaN."""
+        return TrackObservations(
+            self.p_world[:, :, tracks],
+            self.information_world[:, :, tracks],
+            self.observed[:, tracks],
+            float("nan"),
         )
 
 
@@ -142,19 +152,16 @@ def _rotated(information: Array, rotation: Array) -> Array:
 
 def _times(packed: Array, v: Array) -> Array:
     """Packed symmetric (T, 6, N) times vectors (T, 3, N)."""
-    x, y, w = v[:, 0], v[:, 1], v[:, 2]
-    return np.stack(
-        [
-            packed[:, 0] * x + packed[:, 1] * y + packed[:, 2] * w,
-            packed[:, 1] * x + packed[:, 3] * y + packed[:, 4] * w,
-            packed[:, 2] * x + packed[:, 4] * y + packed[:, 5] * w,
-        ],
-        axis=1,
-    )
+    x, y, z = v[:, 0], v[:, 1], v[:, 2]
+    out = np.empty(np.broadcast_shapes(packed[:, :3].shape, v.shape))
+    out[:, 0] = packed[:, 0] * x + packed[:, 1] * y + packed[:, 2] * z
+    out[:, 1] = packed[:, 1] * x + packed[:, 3] * y + packed[:, 4] * z
+    out[:, 2] = packed[:, 2] * x + packed[:, 4] * y + packed[:, 5] * z
+    return out
 
 
 def _packed_inverse(packed: Array) -> tuple[Array, Array]:
-    """Inverse (6, N) and determinant (N,) of packed symmetric matrices (6, N), by cofactors."""
+    """Inverse (6, ...) and determinant (...) of packed symmetric matrices, by cofactors."""
     a, b, c, d, e, f = packed
     inverse = np.stack(
         [d * f - e * e, c * e - b * f, b * e - c * d, a * f - c * c, b * c - a * e, a * d - b * b]
@@ -216,18 +223,23 @@ def _best_reference(
 
 
 def track_normal_equations(kind: str, q: Array, cost: TrackCost) -> tuple[Array, Array]:
-    """Information (6 + T, 6 + T) and gradient (6 + T,) over (xi, q), latent points marginalised."""
-    z, W = cost.z_joint, cost.information
-    T, _, N = z.shape
-    S, adjoint = unit_twist(kind), adjoint_of_return(kind, q)
-    V = _information_times_twist_jacobian(cost.x_joint, W)  # (T, 3, 6, N)
-    e = z - cost.x_joint
-    rotation_rows = _cross(cost.x_joint, V)  # [x]x^T V, (T, 3, 6, N)
-    twist_information = np.concatenate([rotation_rows.sum(-1), -V.sum(-1)], axis=1)  # (T, 6, 6)
-    twist_gradient = np.einsum("tajn,tan->tj", V, e)
+    """Information (6 + T, 6 + T) and gradient (6 + T,) over (xi, q), latent points marginalised.
+
+    The twist Jacobian G(x_n) does not depend on the frame, so that sums over points and frames
+    are products of matrices.
+    """
+    W = cost.information
+    T, _, N = W.shape
+    S, adjoint, G = unit_twist(kind), adjoint_of_return(kind, q), _twist_jacobian(cost.x_joint)
+    We = _times(W, cost.z_joint - cost.x_joint)
+    # per frame: G^T W G (T, 6, 6) and G^T W e (T, 6), summed over the points
+    twist_information = (W.reshape(T, -1) @ _twist_products(G)).reshape(T, 6, 6)
+    twist_gradient = We.reshape(T, -1) @ G.transpose(0, 2, 1).reshape(3 * N, 6)
+    direction = np.einsum("ajn,j->an", G, S)
     F = np.empty((3, 6 + T, N))
-    F[:, :6] = np.einsum("tajn,tjk->akn", V, adjoint, optimize=True)
-    F[:, 6:] = np.einsum("tajn,j->atn", V, S)
+    moved = (adjoint.reshape(T, 36).T @ W.reshape(T, -1)).reshape(6, 6, 6, N)  # j, k, packed, n
+    F[:, :6] = np.einsum("jkabn,bjn->akn", moved[:, :, _PACKED], G)
+    F[:, 6:] = _times(W, np.broadcast_to(direction, We.shape)).transpose(1, 0, 2)
     chained = twist_information @ adjoint
     H = np.zeros((6 + T, 6 + T))
     H[:6, :6] = np.einsum("tji,tjk->ik", adjoint, chained)
@@ -235,11 +247,20 @@ def track_normal_equations(kind: str, q: Array, cost: TrackCost) -> tuple[Array,
     H[:6, 6:] = H[6:, :6].T
     H[range(6, 6 + T), range(6, 6 + T)] = np.einsum("i,tij,j->t", S, twist_information, S)
     g = np.concatenate([np.einsum("tji,tj->i", adjoint, twist_gradient), twist_gradient @ S])
-    pull = _times(W, e).sum(axis=0)  # what is left of the latent's own gradient
+    pull = We.sum(axis=0)  # what is left of the latent's own gradient
     rows = np.concatenate([F, pull[:, None]], axis=1)  # (3, 7 + T, N)
     held = _times(_packed_inverse(W.sum(axis=0))[0][None, :, None], rows[None])[0]
-    marginalised = np.einsum("ajn,akn->jk", F, held, optimize=True)
+    marginalised = np.tensordot(F, held, axes=([0, 2], [0, 2]))
     return H - marginalised[:, :-1], g - marginalised[:, -1]
+
+
+def _twist_products(G: Array) -> Array:
+    """What a packed weight adds to G^T W G: (6 N, 36), from G (3, 6, N)."""
+    products = np.empty((6, G.shape[2], 36))
+    for k, (a, b) in enumerate(zip(_ROW, _COL, strict=True)):
+        outer = G[a].T[:, :, None] * G[b].T[:, None, :]
+        products[k] = (outer if a == b else outer + outer.swapaxes(1, 2)).reshape(-1, 36)
+    return products.reshape(-1, 36)
 
 
 def state_information(kind: str, cost: TrackCost) -> Array:
@@ -290,27 +311,6 @@ def _twist_jacobian(x_joint: Array) -> Array:
     G[1, 2], G[2, 0], G[2, 1] = -x, -y, x
     G[[0, 1, 2], [3, 4, 5]] = -1.0
     return G
-
-
-def _information_times_twist_jacobian(x_joint: Array, W: Array) -> Array:
-    """W G(x) with G = [ [x]x | -I ], (T, 3, 6, N): a row w of W gives w x x and -w."""
-    full = W[:, _PACKED]  # (T, 3, 3, N)
-    V = np.empty((W.shape[0], 3, 6, W.shape[2]))
-    a, b, c = full[:, :, 0], full[:, :, 1], full[:, :, 2]
-    x, y, z = x_joint
-    V[:, :, 0] = b * z - c * y
-    V[:, :, 1] = c * x - a * z
-    V[:, :, 2] = a * y - b * x
-    V[:, :, 3:] = -full
-    return V
-
-
-def _cross(x_joint: Array, V: Array) -> Array:
-    """[x]x^T V = -(x x columns of V), (T, 3, 6, N)."""
-    x, y, z = x_joint
-    return np.stack(
-        [z * V[:, 1] - y * V[:, 2], x * V[:, 2] - z * V[:, 0], y * V[:, 0] - x * V[:, 1]], axis=1
-    )
 
 
 def point_track_factor(

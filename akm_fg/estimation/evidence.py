@@ -15,7 +15,8 @@ from akm_fg.estimation.problem import FitProblem
 from akm_fg.estimation.rigid_motion import MIN_POINTS
 from akm_fg.records import FloatArray
 
-_NEGLIGIBLE = 0.05  # correlations below it are noise of a few hundred residuals
+_NEGLIGIBLE = 0.05  # correlations below it do not matter; of few residuals, chance is larger
+_SOLVER_SHARE = 3e-3  # of the noise variance: what the solver's tolerances leave
 
 
 def correlation_frames(fit: KindFit, observations: Observations) -> tuple[float, float]:
@@ -38,15 +39,15 @@ def correlation_frames(fit: KindFit, observations: Observations) -> tuple[float,
         return 1.0, 1.0
     e = _clipped(fit, observations)
     variance = (e * e).sum() / observed.sum()
-    if variance <= 0:
-        return 1.0, 1.0
+    variance = max(variance, _solver_variance(fit, observations))
+    negligible = max(_NEGLIGIBLE, 2 / np.sqrt(3 * observed.sum()))
     tau = 1.0
     for lag in range(1, observed.shape[0] // 2):
         pairs = int((observed[lag:] & observed[:-lag]).sum())
         if pairs == 0:
             break
         rho = float((e[lag:] * e[:-lag]).sum() / pairs / variance)
-        if rho <= _NEGLIGIBLE:
+        if rho <= negligible:
             break
         tau += 2 * rho
     if tau == 1.0:
@@ -69,12 +70,21 @@ def correlated_points(fit: KindFit, observations: Observations) -> float:
         return 1.0
     e = _clipped(fit, observations)
     power = (e * e).sum(axis=(0, 2))
+    power = np.maximum(power, _solver_variance(fit, observations) * observed.sum(axis=0))
     together = np.einsum("tni,tmi->nm", e, e) / np.sqrt(np.outer(power, power) + 1e-300)
     distance = np.linalg.norm(fit.x_joint[:, :, None] - fit.x_joint[:, None, :], axis=0)
     by_rank = np.take_along_axis(together, np.argsort(distance, axis=1), axis=1).mean(axis=0)
-    below = np.flatnonzero(by_rank[1:] <= _NEGLIGIBLE)
+    negligible = max(_NEGLIGIBLE, 3 / np.sqrt(3 * observed.sum()))
+    below = np.flatnonzero(by_rank[1:] <= negligible)
     last = int(below[0]) if below.size else count - 1
     return 1.0 + float(by_rank[1 : 1 + last].sum())
+
+
+def _solver_variance(fit: KindFit, observations: Observations) -> float:
+    """Mean squared residual (m^2) below which residuals are the solver's own, not the noise's."""
+    observed = observations.tracks.observed
+    given = np.median((fit.squared_error_m2 / np.maximum(fit.d2, 1e-300))[observed])
+    return _SOLVER_SHARE * float(given) * fit.scales.track**2
 
 
 def _clipped(fit: KindFit, observations: Observations) -> FloatArray:
@@ -114,11 +124,10 @@ def is_parametric(fit: KindFit, problem: FitProblem, tau: float) -> bool:
     systematic_m = config.systematic_share * problem.travel_m
     sigma2 = given * problem.local_scale**2 + systematic_m**2
     d2 = np.sort(e2 / sigma2)[: max(int(0.9 * e2.size), 1)]
-    # Of three error components the states and latent points absorb a share.
-    freedom = 3 * fit.freedom
-    independent = max(d2.size / tau, 2.0) * freedom
+    # Of three error components the states and latent points absorb a share: residuals shrink.
+    independent = max(d2.size / tau, 2.0) * 3 * fit.freedom
     limit = stats.chi2.ppf(1 - config.parametric_p_value, independent) / independent
-    return bool(d2.mean() / _trimmed_chi2_mean(freedom) <= limit)
+    return bool(d2.mean() / (fit.freedom * _trimmed_chi2_mean(3.0)) <= limit)
 
 
 def _trimmed_chi2_mean(freedom: float) -> float:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import gtsam
 import numpy as np
@@ -42,6 +42,7 @@ from factors.point_track import (
 )
 from factors.student_t import covariance_factor, twice_negative_log_kernel
 
+_RANKING_TRACKS = 40  # are enough to tell a good start from a bad one
 JOINT = gtsam.symbol("j", 0)
 REFERENCE = gtsam.symbol("r", 0)
 
@@ -87,7 +88,12 @@ def start_rank(guess: JointGuess, problem: GraphProblem) -> float:
     and where the noise cannot tell them apart the hinge's prior does.
     """
     observations, prior = problem.observations, problem.config.prior
-    d2 = rough_track_cost(guess.kind, guess.T_world_joint, guess.q, observations.tracks)
+    count = observations.tracks.observed.shape[1]
+    some = np.unique(np.linspace(0, count - 1, min(count, _RANKING_TRACKS)).astype(int))
+    d2 = rough_track_cost(
+        guess.kind, guess.T_world_joint, guess.q, observations.tracks.select(some)
+    )
+    d2 = np.repeat(d2, -(-count // some.size))  # each stands for its neighbours
     scale2 = problem.start.track**2 + observations.min_scale**2
     cost = 0.5 * float(twice_negative_log_kernel(d2 / scale2, problem.config.dof, 3).sum())
     return cost - log_joint_prior(guess.kind, guess.T_world_joint, problem.centroid_world, prior)
@@ -100,7 +106,9 @@ def fit_rigid(problem: GraphProblem) -> KindFit:
     R = observations.R_world_part
     R_ref = None if R is None else robust_mean_orientation(R)
     errors = orientation_errors("prismatic", still, q, R_ref, observations)
-    scales, x = problem.start, None
+    still_guess = JointGuess("prismatic", still, q)
+    track = T_OVER_NORMAL * math.sqrt(guess_cost(still_guess, observations) / CHI2_MEDIAN)
+    scales, x = replace(problem.start, track=max(track, problem.start.track)), None
     for _ in range(config.scale_iterations):
         cost = track_cost("prismatic", still, q, observations.tracks, config.dof, scales.track, x)
         new = updated_scales(cost.d2, errors, 0, scales, observations, config)

@@ -129,10 +129,8 @@ def radius_quantile(cov: FloatArray, level: float) -> float:
 
         return integrate.quad(density, 0, np.pi / 2)[0] / (np.pi / 2) - (1 - level)
 
-    # Bounds: the one-dimensional and the circular case, in standard deviations.
-    low = 0.5 * np.sqrt(large)
     high = 1.01 * np.sqrt(2 * large * -np.log(1 - level))
-    return float(optimize.brentq(miss, low, high))
+    return float(optimize.brentq(miss, 0.0, high))  # the circular case bounds it
 
 
 def normal_bound(level: float = 0.95) -> float:

@@ -65,7 +65,12 @@ def problem_of_tracks(
         R_world_part=None,
         keyframes=keyframes,
         guesses=guesses_from_motion(motion),
-        noise=(noise_known, T_OVER_NORMAL * motion.scale, motion.scale, 0.0),
+        noise=(
+            noise_known,
+            T_OVER_NORMAL * motion.scale,
+            max(motion.scale, float(noise_known)),
+            0.0,
+        ),
         centroid_world=first.mean(axis=1),
         lever_m=float(np.sqrt(((shape - shape.mean(axis=0)) ** 2).sum(axis=1).mean())),
         travel_m=float(np.linalg.norm(moved[known] - first, axis=1).max()),

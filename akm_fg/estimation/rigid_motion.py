@@ -14,6 +14,7 @@ from akm_fg.records import BoolArray, FloatArray, PointTracks
 
 # Below this many common points, or on a line, a frame's rotation says nothing.
 MIN_POINTS = 3
+_MIN_SPREAD = 0.3  # of the claimed noise: few points may agree by chance
 
 
 @dataclass(frozen=True, slots=True)
@@ -81,7 +82,7 @@ def free_rigid_motion(
         shape, has_shape = _mean_shape(p, R, t, w)
         e = p - np.einsum("tij,nj->tni", R, shape) - t[:, None]
         d2 = np.where(observed & has_shape[None], (e * e).sum(-1) / sigma2, np.nan)
-        scale = _robust_scale(d2[:, member], tracks_per_frame=int(member.sum()))
+        scale = _robust_scale(d2[:, member])
         w = np.where(np.nan_to_num(d2, nan=np.inf) < (config.inlier_sigmas * scale) ** 2, 1.0, 0.1)
         w = w * observed * member[None] / sigma2 / (1 + np.nan_to_num(d2) / scale**2 / 5)
     good = d2 < (config.inlier_sigmas * scale) ** 2
@@ -96,9 +97,13 @@ def free_rigid_motion(
     )
 
 
-def _robust_scale(d2: FloatArray, tracks_per_frame: int) -> float:
-    """Noise scale from the median squared residual (chi-square, 3 degrees, median 2.366)."""
-    freedom = max(1 - 2 / max(tracks_per_frame, 3), 0.3)  # six numbers fitted to 3 N a frame
+def _robust_scale(d2: FloatArray) -> float:
+    """Noise scale from the median squared residual (T, N) (chi-square, 3 degrees, median 2.366).
+
+    Of 3 N T numbers, 6 T went into the motions and 3 N into the shape.
+    """
+    T, N = d2.shape
+    freedom = max((1 - 2 / max(N, 3)) * (1 - 1 / T), 0.1)
     return float(np.sqrt(max(float(np.nanmedian(d2)), 1e-24) / (2.366 * freedom)))
 
 
@@ -139,15 +144,17 @@ def _consensus(
     if far == ref or index.size <= MIN_POINTS:
         return member
     a, b = p[ref, index], p[far, index]
-    triples = np.array([rng.choice(index.size, 3, replace=False) for _ in range(config.samples)])
+    triples = rng.random((config.samples, index.size)).argpartition(2, axis=1)[:, :3]
     R, t = procrustes(a[triples], b[triples], np.ones(triples.shape))
     error = np.linalg.norm(b[None] - np.einsum("sij,nj->sni", R, a) - t[:, None], axis=-1)
     noise = np.sqrt(sigma2[ref, index] + sigma2[far, index])
     whitened = error / noise
-    # The noise level may be off by a factor: judge by the best sample's own spread.
+    # The noise level may be off by a factor: judge by the agreeing points' own spread.
     best = int(np.argmin(np.median(whitened, axis=1)))
-    limit = config.inlier_sigmas * max(float(np.median(whitened[best])) / 1.54, 0.3)
-    R, t = procrustes(a, b, (whitened[best] < limit).astype(float))
+    agreeing = whitened[best] <= 2 * max(float(np.median(whitened[best])), 1e-12)
+    R, t = procrustes(a, b, agreeing.astype(float))
     refined = np.linalg.norm(b - a @ R.T - t, axis=-1) / noise
-    member[index] = refined < limit
+    freedom = max(1 - 2 / int(agreeing.sum()), 0.3)
+    spread = float(np.median(refined)) / np.sqrt(2.366 * freedom)
+    member[index] = refined < config.inlier_sigmas * max(spread, _MIN_SPREAD)
     return member

@@ -12,7 +12,7 @@ from typing import Literal
 import numpy as np
 
 from akm_fg.estimation.posterior import ArticulationPosterior, StatePosterior
-from akm_fg.records import BoolArray, JointTruth, PixelTracks, Recording
+from akm_fg.records import BoolArray, JointTruth, PixelTracks, Recording, RoundSummary
 
 CONFIDENCE = 0.95
 """A run says that it reached the target from this probability on (DESIGN: closed loop)."""
@@ -51,16 +51,6 @@ class Goal:
     def __post_init__(self) -> None:
         _require(bool(np.isfinite(self.target)), f"target {self.target} must be finite")
         _require(self.tolerance > 0, f"tolerance {self.tolerance} must be > 0")
-
-
-@dataclass(frozen=True, slots=True)
-class RoundSummary:
-    """One round of the closed loop: move, then look."""
-
-    commanded: float | None  # state the hand was sent to; None where it only looked
-    state_mean: float  # the belief after looking
-    state_sd: float
-    p_within_tolerance: float  # probability that |state - target| <= tolerance
 
 
 @dataclass(frozen=True, slots=True)
