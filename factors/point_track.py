@@ -313,6 +313,11 @@ def _twist_jacobian(x_joint: Array) -> Array:
     return G
 
 
+def point_key(T_world_joint: Array, q: Array) -> bytes:
+    """What a joint (4, 4) and states (T,) are filed under."""
+    return T_world_joint.tobytes() + q.tobytes()
+
+
 def point_track_factor(
     kind: str,
     joint_key: int,
@@ -321,6 +326,7 @@ def point_track_factor(
     dof: float,
     scale: float,
     x_start: Array | None = None,
+    last: dict[bytes, TrackCost] | None = None,
 ) -> gtsam.CustomFactor:
     """The factor over T_world_joint and the states.
 
@@ -332,6 +338,7 @@ def point_track_factor(
         dof: degrees of freedom of the Student-t kernel.
         scale: factor on the observations' standard deviations.
         x_start: (3, N) where to start the latent points, joint frame; saves time only.
+        last: keeps the last evaluation under `point_key`, for a caller who wants it too.
 
     Raises:
         ValueError: the number of keys is not that of the frames, or an unknown kind.
@@ -342,18 +349,18 @@ def point_track_factor(
     free = [t for t, key in enumerate(state_keys) if key is not None]
     keys = [key for key in state_keys if key is not None]
     columns = np.concatenate([np.arange(6), 6 + np.array(free, dtype=int)])
-    last: dict[bytes, TrackCost] = {}
+    memory = {} if last is None else last
 
     def residual(values: gtsam.Values, want_jacobians: bool) -> tuple[Array, list[Array] | None]:
         T_world_joint = values.atPose3(joint_key).matrix()
         q = np.zeros(len(state_keys))
         q[free] = [values.atDouble(key) for key in keys]
-        here = T_world_joint.tobytes() + q.tobytes()
-        if here not in last:  # the optimiser asks for the error first, then for the Jacobian
-            start = next((cost.x_joint for cost in last.values()), x_start)
-            last.clear()
-            last[here] = track_cost(kind, T_world_joint, q, tracks, dof, scale, start)
-        cost = last[here]
+        here = point_key(T_world_joint, q)
+        if here not in memory:  # the optimiser asks for the error first, then for the Jacobian
+            start = next((cost.x_joint for cost in memory.values()), x_start)
+            memory.clear()
+            memory[here] = track_cost(kind, T_world_joint, q, tracks, dof, scale, start)
+        cost = memory[here]
         if not want_jacobians:
             e = np.zeros(columns.size + 1)
             e[-1] = np.sqrt(cost.twice_cost)

@@ -177,7 +177,7 @@ def _best_start(starts: list[JointGuess], graph: GraphProblem) -> KindFit:
 def _polished(fit: KindFit, graph: GraphProblem) -> KindFit:
     if fit.T_world_joint is None:
         return fit
-    return fit_kind(JointGuess(fit.kind, fit.T_world_joint, fit.q), graph, fit.scales)
+    return fit_kind(JointGuess(fit.kind, fit.T_world_joint, fit.q), graph, fit)
 
 
 def _pointing_forward(fit: KindFit) -> KindFit:

@@ -13,7 +13,9 @@ from akm_fg.records import BoolArray, FloatArray
 # A hinge farther away than this is a drawer for every purpose of a start; metres.
 _MAX_RADIUS_M = 100.0
 _MIN_RADIUS_M = 0.01
-_FAR_HINGES_M = (1.0, 2.0, 4.0, 8.0, 16.0, 32.0, 64.0)
+# Of one point's path nothing but the bend tells the hinge; of a whole part its turn does too.
+_FAR_HINGES_OF_PATH_M = (1.0, 2.0, 4.0, 8.0, 16.0, 32.0, 64.0)
+_FAR_HINGES_OF_PART_M = (2.0, 8.0, 32.0)
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,7 +42,7 @@ def guesses_from_motion(motion: RigidMotion) -> list[JointGuess]:
     """Starts of both kinds from free rigid motions (three or more tracks)."""
     centroid = motion.shape_world[motion.inlier].mean(axis=0)
     path = motion.R_world @ centroid + motion.t_world
-    guesses = guesses_from_path(path, motion.known)
+    guesses = guesses_from_path(path, motion.known, _FAR_HINGES_OF_PART_M)
     turns = np.array([gtsam.Rot3.Logmap(gtsam.Rot3(R)) for R in motion.R_world])
     turns[~motion.known] = 0.0
     # Relative to the first known frame: a reference frame in mid-travel would see both signs.
@@ -55,7 +57,9 @@ def guesses_from_motion(motion: RigidMotion) -> list[JointGuess]:
     return guesses
 
 
-def guesses_from_path(path: FloatArray, known: BoolArray) -> list[JointGuess]:
+def guesses_from_path(
+    path: FloatArray, known: BoolArray, far_hinges_m: tuple[float, ...] = _FAR_HINGES_OF_PATH_M
+) -> list[JointGuess]:
     """Starts of both kinds from the path (T, 3) of one point."""
     points = path[known]
     centre = points.mean(axis=0)
@@ -68,7 +72,7 @@ def guesses_from_path(path: FloatArray, known: BoolArray) -> list[JointGuess]:
     pivots = [_circle_about(normal, points)]
     # A nearly straight path: far hinges to either side of it, in the plane of its bend.
     side = np.cross(normal, directions[0])
-    pivots += [centre + sign * r * side for r in _FAR_HINGES_M for sign in (1.0, -1.0)]
+    pivots += [centre + sign * r * side for r in far_hinges_m for sign in (1.0, -1.0)]
     return guesses + [
         _guess("revolute", normal, pivot, _angles(path, normal, pivot), known)
         for pivot in pivots

@@ -35,6 +35,7 @@ from factors.joint_motion import unit_twist
 from factors.orientation_track import orientation_track_factor
 from factors.point_track import (
     TrackCost,
+    point_key,
     point_track_factor,
     rough_track_cost,
     state_information,
@@ -142,14 +143,14 @@ def fit_rigid(problem: GraphProblem) -> KindFit:
 
 
 def fit_kind(
-    guess: JointGuess, problem: GraphProblem, start: Scales | None = None, rough: bool = False
+    guess: JointGuess, problem: GraphProblem, previous: KindFit | None = None, rough: bool = False
 ) -> KindFit:
     """Solve one moving kind from one start, and find its noise scale.
 
     Args:
         guess: kind and start.
         problem: what to fit.
-        start: noise scales to begin with, if better are known than the problem's.
+        previous: an earlier fit of this kind near the guess, for its scales and latent points.
         rough: stop early; good enough to compare starts, and kinds that are far apart.
 
     Raises:
@@ -157,26 +158,25 @@ def fit_kind(
     """
     observations, config = problem.observations, problem.config
     values = _initial_values(guess, observations)
-    scales, x = start or _start_scales(guess, values, problem), None
+    scales = _start_scales(guess, values, problem) if previous is None else previous.scales
+    x = None if previous is None else previous.x_joint
     directions = len(observable_directions(guess.kind))
     fitted = directions + observations.frames - 1 + (3 if values.exists(REFERENCE) else 0)
     for _ in range(config.scale_iterations):
-        graph = _graph(guess.kind, problem, scales, x)
-        graph.push_back(
-            gauge_factor(
-                guess.kind, JOINT, values.atPose3(JOINT).rotation(), problem.centroid_world
-            )
-        )
-        values = _solved(graph, values, config, rough)
-        solution = _evaluated(guess.kind, values, problem, scales, x)
+        last: dict[bytes, TrackCost] = {}
+        graph = _graph(guess.kind, problem, scales, x, last)
+        values = _solved(graph, values, guess.kind, problem, rough)
+        solution = _evaluated(guess.kind, values, problem, scales, x, last)
         new = updated_scales(
             solution.cost.d2, solution.errors, fitted, scales, observations, config
         )
-        change, scales, x = scales.change(new), new, solution.cost.x_joint
-        if change < config.scale_tolerance:
+        x = solution.cost.x_joint
+        if scales.change(new) < config.scale_tolerance:
             break
-    graph = _graph(guess.kind, problem, scales, x)
-    solution = _evaluated(guess.kind, values, problem, scales, x)
+        scales = new
+    else:
+        graph = _graph(guess.kind, problem, scales, x, {})
+        solution = _evaluated(guess.kind, values, problem, scales, x, {})
     return _posterior(solution, graph.linearize(values), problem, scales, fitted)
 
 
@@ -204,15 +204,19 @@ def _start_scales(guess: JointGuess, values: gtsam.Values, problem: GraphProblem
 
 
 def _graph(
-    kind: str, problem: GraphProblem, scales: Scales, x_start: FloatArray | None
+    kind: str,
+    problem: GraphProblem,
+    scales: Scales,
+    x_start: FloatArray | None,
+    last: dict[bytes, TrackCost],
 ) -> gtsam.NonlinearFactorGraph:
-    """Observations and priors, without the gauge."""
+    """Observations and priors, without the gauge; `last` keeps the tracks' last evaluation."""
     observations, config = problem.observations, problem.config
     keys = [None, *(state_key(t) for t in range(1, observations.frames))]
     graph = gtsam.NonlinearFactorGraph()
     graph.push_back(
         point_track_factor(
-            kind, JOINT, keys, observations.tracks, config.dof, scales.track, x_start
+            kind, JOINT, keys, observations.tracks, config.dof, scales.track, x_start, last
         )
     )
     R = observations.R_world_part
@@ -229,14 +233,23 @@ def _graph(
 
 
 def _solved(
-    graph: gtsam.NonlinearFactorGraph, values: gtsam.Values, config: FitConfig, rough: bool
+    graph: gtsam.NonlinearFactorGraph,
+    values: gtsam.Values,
+    kind: str,
+    problem: GraphProblem,
+    rough: bool,
 ) -> gtsam.Values:
+    """The values that minimise the graph with the gauge held."""
+    config = problem.config
+    gauged = gtsam.NonlinearFactorGraph(graph)
+    heading = values.atPose3(JOINT).rotation()
+    gauged.push_back(gauge_factor(kind, JOINT, heading, problem.centroid_world))
     parameters = gtsam.LevenbergMarquardtParams()
     parameters.setMaxIterations(config.rough_iterations if rough else config.max_iterations)
     parameters.setRelativeErrorTol(0.0)
     parameters.setAbsoluteErrorTol(config.rough_cost_tolerance if rough else config.cost_tolerance)
     parameters.setlambdaInitial(1e-5)
-    return gtsam.LevenbergMarquardtOptimizer(graph, values, parameters).optimize()
+    return gtsam.LevenbergMarquardtOptimizer(gauged, values, parameters).optimize()
 
 
 def _evaluated(
@@ -245,13 +258,15 @@ def _evaluated(
     problem: GraphProblem,
     scales: Scales,
     x_start: FloatArray | None,
+    last: dict[bytes, TrackCost],
 ) -> _Solution:
+    """The solution, with the tracks' cost taken from `last` if it was evaluated there."""
     observations = problem.observations
     states = (values.atDouble(state_key(t)) for t in range(1, observations.frames))
     q = np.array([0.0, *states])
     T_world_joint = values.atPose3(JOINT).matrix()
     R_ref = values.atRot3(REFERENCE).matrix() if values.exists(REFERENCE) else None
-    cost = track_cost(
+    cost = last.get(point_key(T_world_joint, q)) or track_cost(
         kind, T_world_joint, q, observations.tracks, problem.config.dof, scales.track, x_start
     )
     errors = orientation_errors(kind, T_world_joint, q, R_ref, observations)

@@ -23,6 +23,7 @@ class RigidMotionConfig:
 
     samples: int = 64  # minimal sets tried; 20 % outliers: all fail with probability 1e-20
     iterations: int = 6
+    scale_tolerance: float = 0.005  # relative change of the noise scale that ends them
     inlier_sigmas: float = 4.0  # of a 3-d residual; 0.1 % of good observations lie beyond
     min_inlier_share: float = 0.6  # of a track's observations, else the whole track is rejected
 
@@ -82,9 +83,11 @@ def free_rigid_motion(
         shape, has_shape = _mean_shape(p, R, t, w)
         e = p - np.einsum("tij,nj->tni", R, shape) - t[:, None]
         d2 = np.where(observed & has_shape[None], (e * e).sum(-1) / sigma2, np.nan)
-        scale = _robust_scale(d2[:, member])
+        previous, scale = scale, _robust_scale(d2[:, member])
         w = np.where(np.nan_to_num(d2, nan=np.inf) < (config.inlier_sigmas * scale) ** 2, 1.0, 0.1)
         w = w * observed * member[None] / sigma2 / (1 + np.nan_to_num(d2) / scale**2 / 5)
+        if abs(scale - previous) < config.scale_tolerance * scale:
+            break
     good = d2 < (config.inlier_sigmas * scale) ** 2
     share = good.sum(axis=0) / np.maximum(observed.sum(axis=0), 1)
     return RigidMotion(
