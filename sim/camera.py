@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import tempfile
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import cv2
@@ -31,6 +31,15 @@ class CameraConfig:
     mask_slack_m: float = 0.03  # depth noise and flying pixels near the robot
     light: tuple[float, float, float] = (-1.0, 0.6, 2.5)  # direction to the light, world
     noise: NoiseConfig = field(default_factory=lambda: NOISE_LEVELS["d455"])
+
+    def scaled(self, factor: float) -> CameraConfig:
+        """The same view with `factor` times the pixels along either side."""
+        return replace(
+            self,
+            width=round(factor * self.width),
+            height=round(factor * self.height),
+            focal_px=factor * self.focal_px,
+        )
 
 
 def rendered_intrinsics(width: int, height: int, focal_px: float) -> PinholeCamera:

@@ -23,7 +23,7 @@ from akm_fg.records import JointTruth
 if TYPE_CHECKING:
     import gtsam
 
-    from akm_fg.closed_loop import Episode
+    from akm_fg.closed_loop import Episode, EpisodeConfig
     from akm_fg.io.recording_writer import RecordingWriter
     from akm_fg.records import RgbdFrame
     from akm_fg.report.summary import RunSummary
@@ -55,6 +55,14 @@ class DemoArguments:
     """Write the run as one JSON object to this file; - is standard output (no table then)."""
 
 
+@dataclass(frozen=True, slots=True)
+class DemoSetting:
+    """What a test makes smaller."""
+
+    episode: EpisodeConfig | None = None  # None: the default
+    image_scale: float = 1.0  # of 640 x 480 pixels
+
+
 class _Reporter:
     """Writes frames and true states as they come, and says what happens."""
 
@@ -84,20 +92,20 @@ class _Reporter:
         return dataclasses.replace(self.truths[-1], states=states)
 
 
-def demo(arguments: DemoArguments) -> int:
-    """Run the command.
+def demo(arguments: DemoArguments, setting: DemoSetting | None = None) -> int:
+    """Run the command; tests hand in a smaller setting.
 
     Raises:
         InputError: a target that cannot be read, or of the wrong unit.
         MissingDependency: the simulator is not installed.
         OutputError: the run's folder cannot be written.
     """
-    began = time.perf_counter()
+    began, setting = time.perf_counter(), setting or DemoSetting()
     target, unit = _target(arguments)
     _require_simulator()
     with json_output(arguments.json) as stream:
         folder = _make_folder(arguments)
-        summary, interrupted = _run(arguments, folder, {_KIND_OF_UNIT[unit]: target})
+        summary, interrupted = _run(arguments, folder, {_KIND_OF_UNIT[unit]: target}, setting)
         summary.time_s["total"] = time.perf_counter() - began
         _write(folder, summary)
         if stream is not None:
@@ -146,23 +154,26 @@ def _make_folder(arguments: DemoArguments) -> Path:
 
 
 def _run(
-    arguments: DemoArguments, folder: Path, target: dict[str, float]
+    arguments: DemoArguments, folder: Path, target: dict[str, float], setting: DemoSetting
 ) -> tuple[RunSummary, bool]:
     """The episode; what was recorded stays readable whenever it is interrupted."""
-    from akm_fg.closed_loop import Episode, Task, run_episode
+    from akm_fg.closed_loop import Episode, EpisodeConfig, Task, run_episode
     from akm_fg.io.recording_writer import RecordingWriter
+    from sim.camera import CameraConfig
     from sim.episode import open_world
 
     name = f"{arguments.object}-{arguments.seed}"
+    config = setting.episode or EpisodeConfig()
     episode, interrupted = Episode(), False
+    camera = CameraConfig().scaled(setting.image_scale)
     with (
-        open_world(arguments.object, arguments.seed) as world,
+        open_world(arguments.object, arguments.seed, camera_config=camera) as world,
         RecordingWriter(folder / "recording") as writer,
     ):
         reporter = _Reporter(writer, world)
         task = Task(name, world.T_world_grasp, world.pull_direction_world, target, arguments.seed)
         try:
-            run_episode(world.arm, world.camera, task, episode, reporter)
+            run_episode(world.arm, world.camera, task, episode, reporter, config)
         except KeyboardInterrupt:
             interrupted = True
             episode.failure = "interrupted"
@@ -172,7 +183,7 @@ def _run(
         writer.set_truth(truth)
         writer.set_grasp_frames(0, len(episode.frames) - 1)
         final_state = float(world.truth().states[-1])
-    return _summary(arguments, episode, truth, final_state, target, name), interrupted
+    return _summary(arguments, episode, truth, final_state, target, name, config), interrupted
 
 
 def _summary(
@@ -182,8 +193,8 @@ def _summary(
     final_state: float,
     target: dict[str, float],
     name: str,
+    config: EpisodeConfig,
 ) -> RunSummary:
-    from akm_fg.closed_loop import EpisodeConfig
     from akm_fg.report.summary import Goal, PartTracks, RunSummary
 
     fit = episode.fit
@@ -204,7 +215,7 @@ def _summary(
         ),
         posterior=None if fit is None else fit.posterior,
         truth=truth,
-        goal=Goal(wanted, EpisodeConfig().tolerance(kind), "m" if kind == "prismatic" else "rad"),
+        goal=Goal(wanted, config.tolerance(kind), "m" if kind == "prismatic" else "rad"),
         rounds=tuple(episode.rounds),
         final_state_true=final_state - float(truth.states[0]),
         closed_loop_frame=episode.closed_loop_frame,

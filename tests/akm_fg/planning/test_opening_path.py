@@ -1,0 +1,59 @@
+"""Hand poses along a joint."""
+
+import gtsam
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+from akm_fg.errors import MotionInfeasible
+from akm_fg.estimation.posterior import JointPosterior
+from akm_fg.planning.opening_path import HandLimits, plan_opening
+
+
+def _joint(kind, T_world_joint=None):
+    T = np.eye(4) if T_world_joint is None else T_world_joint
+    return JointPosterior(kind, T, np.zeros((6, 6)), ())
+
+
+def test_a_quarter_turn_about_z_takes_the_hand_from_x_to_y_and_turns_it():
+    hand = gtsam.Pose3(gtsam.Rot3(), np.array([0.5, 0.0, 0.2]))
+    path = plan_opening(_joint("revolute"), hand, 0.3, 0.3 + np.pi / 2)
+    last = path.T_world_gripper[-1]
+    assert_allclose(last.translation(), [0.0, 0.5, 0.2], atol=1e-6)
+    assert_allclose(last.rotation().matrix(), gtsam.Rot3.Rz(np.pi / 2).matrix(), atol=1e-6)
+
+
+def test_a_drawer_moves_the_hand_along_the_axis_and_does_not_turn_it():
+    hand = gtsam.Pose3(gtsam.Rot3.Ypr(0.3, 0.2, 0.1), np.array([0.5, 0.1, 0.2]))
+    path = plan_opening(_joint("prismatic"), hand, 0.05, 0.25)
+    moved = path.T_world_gripper[-1].translation() - hand.translation()
+    assert_allclose(moved, [0.0, 0.0, 0.2], atol=1e-6)
+    assert_allclose(
+        path.T_world_gripper[-1].rotation().matrix(), hand.rotation().matrix(), atol=1e-9
+    )
+
+
+@pytest.mark.parametrize("kind", ["prismatic", "revolute"])
+@pytest.mark.parametrize("distance", [0.3, -0.3, 0.002])
+def test_the_hand_keeps_its_limits_and_starts_and_ends_at_rest(kind, distance):
+    limits = HandLimits()
+    hand = gtsam.Pose3(gtsam.Rot3(), np.array([0.6, 0.0, 0.0]))
+    path = plan_opening(_joint(kind), hand, 0.0, distance, limits)
+    p = np.array([T.translation() for T in path.T_world_gripper])
+    dt = np.diff(path.stamps_s)
+    speed = np.linalg.norm(np.diff(p, axis=0), axis=1) / dt
+    acceleration = np.diff(speed) / dt[1:]
+    assert speed.max() <= limits.speed_m_s * 1.01
+    assert np.abs(acceleration).max() <= limits.acceleration_m_s2 * 1.05
+    assert max(speed[0], speed[-1]) <= limits.acceleration_m_s2 * limits.step_s
+    assert_allclose(p[0], hand.translation(), atol=1e-9)
+
+
+def test_staying_where_it_is_is_a_path_too():
+    path = plan_opening(_joint("prismatic"), gtsam.Pose3(), 0.1, 0.1)
+    assert_allclose(path.T_world_gripper[-1].matrix(), np.eye(4), atol=1e-9)
+
+
+def test_a_target_that_is_not_a_number_is_refused():
+    with pytest.raises(MotionInfeasible, match="finite"):
+        plan_opening(_joint("prismatic"), gtsam.Pose3(), 0.0, np.nan)

@@ -1,0 +1,151 @@
+"""The closed loop's decisions, with an arm and a camera that exist on paper only."""
+
+import gtsam
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+import akm_fg.closed_loop as closed_loop
+from akm_fg.closed_loop import Episode, EpisodeConfig, Task, probability_within, run_episode
+from akm_fg.errors import GraspFailed, NoMotionObserved
+from akm_fg.estimation.posterior import (
+    ArticulationPosterior,
+    FitReport,
+    JointPosterior,
+    KindPosterior,
+    StatePosterior,
+)
+from akm_fg.pipeline import RecordingFit
+from akm_fg.records import PinholeCamera, RgbdFrame
+
+CAMERA = PinholeCamera(4, 3, 4.0, 4.0, 1.5, 1.0)
+
+
+class PaperDrawer:
+    """A drawer along z whose hand slips a share of every commanded move."""
+
+    def __init__(self, slip=0.0, fails=None, lost_after=None):
+        self.state, self.clock, self.slip, self.fails = 0.0, 0.0, slip, fails
+        self.moves, self.lost_after = 0, lost_after
+
+    def capture(self):
+        self.clock += 0.1
+        rgb = np.zeros((3, 4, 3), np.uint8)
+        depth = np.ones((3, 4), np.float32)
+        return RgbdFrame(self.clock, rgb, depth, CAMERA, gtsam.Pose3())
+
+    def T_world_gripper(self):
+        return gtsam.Pose3(gtsam.Rot3(), np.array([0.0, 0.0, self.state]))
+
+    def holding(self):
+        return self.lost_after is None or self.moves < self.lost_after
+
+    def grasp(self, T_world_grasp, tick_s):
+        if self.fails:
+            raise self.fails
+        yield
+
+    def pull(self, direction_world, distance_m, tick_s):
+        self.state += distance_m
+        yield
+
+    def follow(self, path, tick_s):
+        self.moves += 1
+        start = path.T_world_gripper[0].translation()[2]
+        wanted = path.T_world_gripper[-1].translation()[2] - start
+        self.state += wanted * (1 - self.slip)
+        yield
+
+
+class Quiet:
+    def __init__(self):
+        self.frames, self.stages = 0, []
+
+    def frame(self, frame, T_world_gripper):
+        self.frames += 1
+
+    def stage(self, words):
+        self.stages.append(words)
+
+
+@pytest.fixture
+def run(monkeypatch):
+    def _run(world, target=0.2, state_sd=0.001, kind="prismatic"):
+        def fit(recording, seed):
+            n = len(recording.frames)
+            mean, sd = np.full(n, world.state), np.full(n, state_sd)
+            joint = JointPosterior(kind, np.eye(4), np.eye(6) * 1e-6, ())
+            best = KindPosterior(joint, StatePosterior("m", mean, sd), 0.0)
+            report = FitReport(0.0, 1, 0, 0.0, 1.0, 1.0, 1.0, True)
+            posterior = ArticulationPosterior("x", kind, {kind: 1.0}, {kind: best}, report)
+            return RecordingFit(None, posterior)
+
+        monkeypatch.setattr(closed_loop, "fit_recording", fit)
+        episode, observer = Episode(), Quiet()
+        task = Task("x", gtsam.Pose3(), np.array([0.0, 0.0, 1.0]), {"prismatic": target})
+        run_episode(world, world, task, episode, observer, EpisodeConfig())
+        return episode, observer
+
+    return _run
+
+
+def test_probability_within_is_the_normal_integral_over_the_tolerance():
+    assert_allclose(probability_within(0.0, 1.0, 0.0, 1.96), 0.95, atol=1e-3)
+    assert_allclose(probability_within(0.5, 1.0, 0.0, 1e9), 1.0)
+    assert probability_within(1.0, 1e-6, 0.0, 0.5) == 0.0
+
+
+def test_a_drawer_that_follows_is_at_its_target_after_one_round(run):
+    world = PaperDrawer()
+    episode, observer = run(world)
+    assert episode.failure is None
+    assert [r.commanded for r in episode.rounds] == [None, 0.2]
+    assert_allclose(world.state, 0.2, atol=1e-6)
+    assert episode.rounds[-1].p_within_tolerance > 0.95
+    assert observer.frames == len(episode.frames)
+    assert episode.closed_loop_frame is not None
+
+
+def test_looking_again_makes_up_for_slip(run):
+    world = PaperDrawer(slip=0.5)
+    episode, _ = run(world, target=0.3)
+    assert episode.failure is None
+    assert len(episode.rounds) > 2
+    assert abs(world.state - 0.3) < 0.01
+
+
+def test_a_vague_belief_does_not_count_as_reached(run):
+    episode, _ = run(PaperDrawer(), state_sd=0.02)
+    assert "not sure of the target after 5 rounds" in episode.failure
+
+
+def test_a_lost_grip_ends_the_episode_with_its_cause(run):
+    episode, _ = run(PaperDrawer(slip=0.9, lost_after=1), target=0.3)
+    assert episode.failure == "the gripper lost the part"
+
+
+def test_a_failed_grasp_is_told_and_leaves_no_rounds(run):
+    episode, _ = run(PaperDrawer(fails=GraspFailed("the fingers met with nothing between them")))
+    assert "nothing between" in episode.failure
+    assert episode.rounds == []
+
+
+def test_a_kind_without_a_target_is_a_failure_not_a_crash(run):
+    episode, _ = run(PaperDrawer(), kind="revolute")
+    assert "seems revolute" in episode.failure
+
+
+def test_no_motion_is_told(run, monkeypatch):
+    world = PaperDrawer()
+    real = closed_loop._drive
+
+    def drive(arm, watch, task, config):
+        def fit(recording, seed):
+            raise NoMotionObserved("x: nothing moved")
+
+        monkeypatch.setattr(closed_loop, "fit_recording", fit)
+        real(arm, watch, task, config)
+
+    monkeypatch.setattr(closed_loop, "_drive", drive)
+    episode, _ = run(world)
+    assert episode.failure == "x: nothing moved"

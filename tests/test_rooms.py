@@ -1,0 +1,58 @@
+"""Which room may import which: experiments -> sim -> akm_fg -> factors."""
+
+import ast
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[1]
+ROOMS = ("factors", "akm_fg", "sim", "experiments")
+MAY_IMPORT = {
+    "factors": set(),
+    "akm_fg": {"factors"},
+    "sim": {"akm_fg"},
+    "experiments": {"sim", "akm_fg", "factors"},
+}
+# The command line puts all rooms together; sim knows akm_fg's records, errors and interfaces only.
+COMPOSITION = "akm_fg/cli/"
+SIM_MAY_IMPORT = ("akm_fg.records", "akm_fg.errors", "akm_fg.interfaces")
+ONLY_IN = {"pybullet": "sim/", "filterpy": "akm_fg/relocalization/", "torch": "akm_fg/backends/"}
+THIRD_PARTY_OF_FACTORS = {"numpy", "gtsam"}
+
+
+def _files():
+    return [path for room in ROOMS for path in sorted((ROOT / room).rglob("*.py"))]
+
+
+def _imports(path):
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        if isinstance(node, ast.Import):
+            yield from (alias.name for alias in node.names)
+        elif isinstance(node, ast.ImportFrom) and node.module and node.level == 0:
+            yield node.module
+
+
+@pytest.mark.parametrize("path", _files(), ids=lambda p: str(p.relative_to(ROOT)))
+def test_doors_open_one_way_only(path):
+    place = path.relative_to(ROOT).as_posix()
+    room = place.split("/")[0]
+    for module in _imports(path):
+        top = module.split(".")[0]
+        if top in ROOMS and top != room:
+            allowed = top in MAY_IMPORT[room] or (place.startswith(COMPOSITION) and top == "sim")
+            assert allowed, f"{place} imports {module}"
+            if room == "sim":
+                assert module.startswith(SIM_MAY_IMPORT), f"{place} imports {module}"
+        if top in ONLY_IN:
+            assert place.startswith(ONLY_IN[top]), f"{place} imports {module}"
+        if room == "factors" and top not in ROOMS:
+            known = THIRD_PARTY_OF_FACTORS | set(sys.stdlib_module_names)
+            assert top in known, f"{place} imports {module}"
+
+
+def test_importing_the_package_loads_nothing_heavy():
+    code = "import sys, akm_fg; print([m for m in ('numpy', 'gtsam', 'cv2') if m in sys.modules])"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == "[]"
