@@ -45,7 +45,14 @@ def fit_recording(
         observed.segmentation.require_motion()
     except InsufficientData as error:
         raise type(error)(f"{recording.name}: {error}; expected a part that moves") from error
-    posterior = fit_tracks(observed.moving_tracks, recording.name, seed=seed, config=fit_config)
+    config = fit_config or FitConfig()
+    posterior = fit_tracks(
+        observed.moving_tracks,
+        recording.name,
+        seed=seed,
+        config=config,
+        systematic_m=config.camera_systematic_m,
+    )
     now = time.perf_counter()
     times = {"total": now - began, "perception": seen - began, "fit": now - seen}
     return RecordingFit(observed, replace(posterior, time_s=times))

@@ -80,6 +80,19 @@ def correlated_points(fit: KindFit, observations: Observations) -> float:
     return 1.0 + float(by_rank[1 : 1 + last].sum())
 
 
+def systematic_points(fit: KindFit, problem: FitProblem) -> float:
+    """How many observations count as one beyond the correlated, for the sensor's systematic errors.
+
+    n observations of variance s^2 average to s^2 / n; errors of variance b^2 with m independent
+    modes add b^2 / m, whatever n is. The ratio of the two is what to count down by.
+    """
+    observed = problem.observations.tracks.observed
+    given = np.median((fit.squared_error_m2 / np.maximum(fit.d2, 1e-300))[observed])
+    variance = float(given) * fit.scales.track**2
+    modes = problem.config.systematic_modes
+    return float(observed.sum() * problem.systematic_m**2 / (modes * max(variance, 1e-12)))
+
+
 def _solver_variance(fit: KindFit, observations: Observations) -> float:
     """Mean squared residual (m^2) below which residuals are the solver's own, not the noise's."""
     observed = observations.tracks.observed

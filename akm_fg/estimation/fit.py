@@ -20,6 +20,7 @@ from akm_fg.estimation.evidence import (
     correlation_frames,
     is_parametric,
     kind_probabilities,
+    systematic_points,
     temper,
 )
 from akm_fg.estimation.initial_guess import JointGuess
@@ -51,6 +52,7 @@ def fit_tracks(
     noise_known: bool = True,
     seed: int = 0,
     config: FitConfig | None = None,
+    systematic_m: float = 0.0,
 ) -> ArticulationPosterior:
     """Fit all joint kinds to tracked points of one part.
 
@@ -60,6 +62,8 @@ def fit_tracks(
         noise_known: False when the covariances are only nominal and the level must be found.
         seed: of the consensus sampling.
         config: tuning.
+        systematic_m: errors of the sensor that no averaging removes (standard deviation, each
+            coordinate).
 
     Raises:
         TracksLost: fewer than two frames, or too few tracks of one rigid part.
@@ -78,7 +82,7 @@ def fit_tracks(
         problem = problem_of_path(name, tracks, None, noise_known, config)
     else:
         problem = problem_of_tracks(name, tracks, noise_known, seed, config)
-    return _fit(problem, began)
+    return _fit(replace(problem, systematic_m=systematic_m), began)
 
 
 def fit_poses(
@@ -123,6 +127,7 @@ def _fit_on_one_thread(problem: FitProblem, began: float) -> ArticulationPosteri
     likeliest = max(fits, key=lambda fit: fit.log_likelihood)
     tau, visible = correlation_frames(likeliest, problem.observations)
     together = correlated_points(likeliest, problem.observations)
+    counted_as_one = tau * together + systematic_points(likeliest, problem)
     if visible < 1.0:
         observations = replace(problem.observations, visible_share=visible)
         solved = [
@@ -130,10 +135,10 @@ def _fit_on_one_thread(problem: FitProblem, began: float) -> ArticulationPosteri
         ]
         graph = replace(graph, observations=observations)
         fits, warnings = _fit_kinds(solved, graph, problem.name)
-    fits = [_pointing_forward(temper(fit, tau * together)) for fit in fits]
+    fits = [_pointing_forward(temper(fit, counted_as_one)) for fit in fits]
     probability = kind_probabilities(fits, problem.config.prior)
     best = max(fits, key=lambda fit: probability[fit.kind])
-    parametric = is_parametric(best, problem, tau * together)
+    parametric = is_parametric(best, problem, counted_as_one)
     decided = parametric and probability[best.kind] >= problem.config.undecided_below
     return ArticulationPosterior(
         name=problem.name,

@@ -37,6 +37,7 @@ class FitProblem:
     travel_m: float
     tracks_rejected: int
     config: FitConfig
+    systematic_m: float = 0.0  # errors of the sensor that no averaging removes
 
 
 def problem_of_tracks(
