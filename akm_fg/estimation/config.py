@@ -36,6 +36,7 @@ class FitConfig:
     cost_tolerance: float = 0.05  # nats; a step that gains less moves by a tenth of a sigma
     rough_cost_tolerance: float = 1.0  # nats; while starts, kinds and noise scales are compared
     max_iterations: int = 30  # of Levenberg-Marquardt a round; a good start takes five
+    rough_scale_tolerance: float = 0.1  # relative, the same
     rough_iterations: int = 12  # the same while comparing
     polish_within: float = 50.0  # nats of evidence behind the best; farther off is out of the race
     scale_iterations: int = 6  # rounds of: solve, estimate the noise scale

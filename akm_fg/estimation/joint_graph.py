@@ -162,6 +162,7 @@ def fit_kind(
     x = None if previous is None else previous.x_joint
     directions = len(observable_directions(guess.kind))
     fitted = directions + observations.frames - 1 + (3 if values.exists(REFERENCE) else 0)
+    tolerance = config.rough_scale_tolerance if rough else config.scale_tolerance
     for _ in range(config.scale_iterations):
         last: dict[bytes, TrackCost] = {}
         graph = _graph(guess.kind, problem, scales, x, last)
@@ -171,7 +172,7 @@ def fit_kind(
             solution.cost.d2, solution.errors, fitted, scales, observations, config
         )
         x = solution.cost.x_joint
-        if scales.change(new) < config.scale_tolerance:
+        if scales.change(new) < tolerance:
             break
         scales = new
     else:
