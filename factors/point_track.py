@@ -34,13 +34,10 @@ from factors.joint_motion import (
     reference_coordinates,
     unit_twist,
 )
+from factors.packed import COL, ROW, UNPACK, inverse_and_determinant, rotated, times
 from factors.student_t import twice_negative_log_kernel, weight
 
 Array = NDArray[np.float64]
-
-# A symmetric 3x3 matrix as six numbers: xx, xy, xz, yy, yz, zz.
-_ROW, _COL = np.triu_indices(3)
-_PACKED = np.array([[0, 1, 2], [1, 3, 4], [2, 4, 5]])
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,13 +62,13 @@ class TrackObservations:
                 "expected (T, N, 3) and (T, N, 3, 3)"
             )
         observed: NDArray[np.bool_] = np.asarray(np.isfinite(p_world).all(axis=-1))
-        packed = cov_world[..., _ROW, _COL].transpose(2, 0, 1)  # (6, T, N)
-        packed = np.where(observed, packed, np.eye(3)[_ROW, _COL][:, None, None])
+        packed = cov_world[..., ROW, COL].transpose(2, 0, 1)  # (6, T, N)
+        packed = np.where(observed, packed, np.eye(3)[ROW, COL][:, None, None])
         if not np.isfinite(packed).all():
             raise ValueError("a covariance of an observed point is not finite")
         minor = packed[0] * packed[3] - packed[1] ** 2
         with np.errstate(divide="ignore", invalid="ignore"):
-            inverse, determinant = _packed_inverse(packed)
+            inverse, determinant = inverse_and_determinant(packed)
         if not min(packed[0].min(), minor.min(), determinant.min()) > 0:  # Sylvester's criterion
             raise ValueError("a covariance is not positive definite")
         points = np.where(observed[..., None], p_world, 0.0)
@@ -126,48 +123,17 @@ def track_cost(
     """
     z = reference_coordinates(kind, T_world_joint, q, tracks.p_world)
     rotations, _ = joint_displacement(kind, q)
-    information = _rotated(tracks.information_world, T_world_joint[:3, :3] @ rotations) / scale**2
+    information = rotated(tracks.information_world, T_world_joint[:3, :3] @ rotations) / scale**2
     x = _first_reference(z, tracks.observed) if x_start is None else x_start
     x, weighted, d2 = _best_reference(z, information, x, dof)
     return TrackCost(
         twice_cost=float(twice_negative_log_kernel(d2, dof, 3).sum()),
         d2=d2,
         x_joint=x,
-        log_det_latent=float(np.log(_packed_inverse(weighted.sum(axis=0))[1]).sum()),
+        log_det_latent=float(np.log(inverse_and_determinant(weighted.sum(axis=0))[1]).sum()),
         z_joint=z,
         information=weighted,
     )
-
-
-def _rotated(information: Array, rotation: Array) -> Array:
-    """R^T Lambda R for packed Lambda (T, 6, N) and rotations (T, 3, 3)."""
-    left, right = rotation[:, :, _ROW], rotation[:, :, _COL]
-    # out_(ab) = sum_ij R_ia R_jb L_ij, the pair (i, j) folded onto the packed index
-    full = np.einsum("tip,tjp->tpij", left, right)
-    fold = np.empty((rotation.shape[0], 6, 6))
-    for k, (i, j) in enumerate(zip(_ROW, _COL, strict=True)):
-        fold[:, :, k] = full[:, :, i, j] if i == j else full[:, :, i, j] + full[:, :, j, i]
-    return fold @ information
-
-
-def _times(packed: Array, v: Array) -> Array:
-    """Packed symmetric (T, 6, N) times vectors (T, 3, N)."""
-    x, y, z = v[:, 0], v[:, 1], v[:, 2]
-    out = np.empty(np.broadcast_shapes(packed[:, :3].shape, v.shape))
-    out[:, 0] = packed[:, 0] * x + packed[:, 1] * y + packed[:, 2] * z
-    out[:, 1] = packed[:, 1] * x + packed[:, 3] * y + packed[:, 4] * z
-    out[:, 2] = packed[:, 2] * x + packed[:, 4] * y + packed[:, 5] * z
-    return out
-
-
-def _packed_inverse(packed: Array) -> tuple[Array, Array]:
-    """Inverse (6, ...) and determinant (...) of packed symmetric matrices, by cofactors."""
-    a, b, c, d, e, f = packed
-    inverse = np.stack(
-        [d * f - e * e, c * e - b * f, b * e - c * d, a * f - c * c, b * c - a * e, a * d - b * b]
-    )
-    determinant = a * inverse[0] + b * inverse[1] + c * inverse[2]
-    return inverse / determinant, determinant
 
 
 def _first_reference(z: Array, observed: NDArray[np.bool_]) -> Array:
@@ -185,9 +151,9 @@ def rough_track_cost(kind: str, T_world_joint: Array, q: Array, tracks: TrackObs
     """
     z = reference_coordinates(kind, T_world_joint, q, tracks.p_world)
     rotations, _ = joint_displacement(kind, q)
-    information = _rotated(tracks.information_world, T_world_joint[:3, :3] @ rotations)
+    information = rotated(tracks.information_world, T_world_joint[:3, :3] @ rotations)
     e = z - _first_reference(z, tracks.observed)
-    return (e * _times(information, e)).sum(axis=1)[tracks.observed]
+    return (e * times(information, e)).sum(axis=1)[tracks.observed]
 
 
 def _best_reference(
@@ -204,11 +170,11 @@ def _best_reference(
     z_active, information_active = z, information
     for _ in range(iterations):
         e = z_active - x[:, active]
-        Le = _times(information_active, e)
+        Le = times(information_active, e)
         w = weight((e * Le).sum(axis=1), dof, 3)[:, None, :]
         pull = (Le * w).sum(axis=0)
         total = (information_active * w).sum(axis=0)
-        step = _times(_packed_inverse(total)[0][None], pull[None])[0]
+        step = times(inverse_and_determinant(total)[0][None], pull[None])[0]
         x[:, active] += step
         # A step's squared length in units of the reference's own standard deviation.
         moving = (step * pull).sum(axis=0) > tolerance
@@ -218,7 +184,7 @@ def _best_reference(
             active = active[moving]
             z_active, information_active = z[:, :, active], information[:, :, active]
     e = z - x
-    d2 = (e * _times(information, e)).sum(axis=1)
+    d2 = (e * times(information, e)).sum(axis=1)
     return x, information * weight(d2, dof, 3)[:, None, :], d2
 
 
@@ -231,15 +197,15 @@ def track_normal_equations(kind: str, q: Array, cost: TrackCost) -> tuple[Array,
     W = cost.information
     T, _, N = W.shape
     S, adjoint, G = unit_twist(kind), adjoint_of_return(kind, q), _twist_jacobian(cost.x_joint)
-    We = _times(W, cost.z_joint - cost.x_joint)
+    We = times(W, cost.z_joint - cost.x_joint)
     # per frame: G^T W G (T, 6, 6) and G^T W e (T, 6), summed over the points
     twist_information = (W.reshape(T, -1) @ _twist_products(G)).reshape(T, 6, 6)
     twist_gradient = We.reshape(T, -1) @ G.transpose(0, 2, 1).reshape(3 * N, 6)
     direction = np.einsum("ajn,j->an", G, S)
     F = np.empty((3, 6 + T, N))
     moved = (adjoint.reshape(T, 36).T @ W.reshape(T, -1)).reshape(6, 6, 6, N)  # j, k, packed, n
-    F[:, :6] = np.einsum("jkabn,bjn->akn", moved[:, :, _PACKED], G)
-    F[:, 6:] = _times(W, np.broadcast_to(direction, We.shape)).transpose(1, 0, 2)
+    F[:, :6] = np.einsum("jkabn,bjn->akn", moved[:, :, UNPACK], G)
+    F[:, 6:] = times(W, np.broadcast_to(direction, We.shape)).transpose(1, 0, 2)
     chained = twist_information @ adjoint
     H = np.zeros((6 + T, 6 + T))
     H[:6, :6] = np.einsum("tji,tjk->ik", adjoint, chained)
@@ -249,7 +215,7 @@ def track_normal_equations(kind: str, q: Array, cost: TrackCost) -> tuple[Array,
     g = np.concatenate([np.einsum("tji,tj->i", adjoint, twist_gradient), twist_gradient @ S])
     pull = We.sum(axis=0)  # what is left of the latent's own gradient
     rows = np.concatenate([F, pull[:, None]], axis=1)  # (3, 7 + T, N)
-    held = _times(_packed_inverse(W.sum(axis=0))[0][None, :, None], rows[None])[0]
+    held = times(inverse_and_determinant(W.sum(axis=0))[0][None, :, None], rows[None])[0]
     marginalised = np.tensordot(F, held, axes=([0, 2], [0, 2]))
     return H - marginalised[:, :-1], g - marginalised[:, -1]
 
@@ -257,7 +223,7 @@ def track_normal_equations(kind: str, q: Array, cost: TrackCost) -> tuple[Array,
 def _twist_products(G: Array) -> Array:
     """What a packed weight adds to G^T W G: (6 N, 36), from G (3, 6, N)."""
     products = np.empty((6, G.shape[2], 36))
-    for k, (a, b) in enumerate(zip(_ROW, _COL, strict=True)):
+    for k, (a, b) in enumerate(zip(ROW, COL, strict=True)):
         outer = G[a].T[:, :, None] * G[b].T[:, None, :]
         products[k] = (outer if a == b else outer + outer.swapaxes(1, 2)).reshape(-1, 36)
     return products.reshape(-1, 36)
@@ -266,7 +232,7 @@ def _twist_products(G: Array) -> Array:
 def state_information(kind: str, cost: TrackCost) -> Array:
     """(T,) information on each state when joint and latent points are held."""
     step = np.einsum("ajn,j->an", _twist_jacobian(cost.x_joint), unit_twist(kind))
-    full = cost.information[:, _PACKED]
+    full = cost.information[:, UNPACK]
     return np.einsum("an,tabn,bn->t", step, full, step)
 
 
@@ -292,13 +258,13 @@ def state_step(
     """
     z = reference_coordinates(kind, T_world_joint, q, tracks.p_world)
     rotations, _ = joint_displacement(kind, q)
-    information = _rotated(tracks.information_world, T_world_joint[:3, :3] @ rotations) / scale**2
+    information = rotated(tracks.information_world, T_world_joint[:3, :3] @ rotations) / scale**2
     e = z - x_joint
-    Le = _times(information, e)
+    Le = times(information, e)
     w = weight((e * Le).sum(axis=1), dof, 3)
     direction = np.einsum("ajn,j->an", _twist_jacobian(x_joint), unit_twist(kind))
     gradient = (direction * Le * w[:, None]).sum(axis=(1, 2))
-    along = _times(information * w[:, None], np.broadcast_to(direction, z.shape))
+    along = times(information * w[:, None], np.broadcast_to(direction, z.shape))
     curvature = (direction * along).sum(axis=(1, 2))
     return -gradient / curvature, curvature
 

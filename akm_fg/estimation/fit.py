@@ -24,7 +24,7 @@ from akm_fg.estimation.evidence import (
     temper,
 )
 from akm_fg.estimation.initial_guess import JointGuess
-from akm_fg.estimation.joint_graph import GraphProblem, fit_kind, fit_rigid, start_rank
+from akm_fg.estimation.joint_graph import GraphProblem, fit_kind, start_rank
 from akm_fg.estimation.laplace import KindFit
 from akm_fg.estimation.posterior import (
     ArticulationPosterior,
@@ -40,6 +40,7 @@ from akm_fg.estimation.problem import (
     problem_of_path,
     problem_of_tracks,
 )
+from akm_fg.estimation.rigid_fit import fit_rigid
 from akm_fg.estimation.rigid_motion import MIN_POINTS
 from akm_fg.estimation.states import states_of_all_frames
 from akm_fg.records import JointKind, PointTracks, PoseTrack

@@ -1,0 +1,64 @@
+"""The hypothesis that nothing moved: latent points alone, no joint and no graph."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+
+from akm_fg.estimation.initial_guess import JointGuess
+from akm_fg.estimation.joint_graph import GraphProblem, guess_cost
+from akm_fg.estimation.laplace import KindFit
+from akm_fg.estimation.observations import (
+    CHI2_MEDIAN,
+    T_OVER_NORMAL,
+    log_likelihood,
+    orientation_errors,
+    orientation_information,
+    robust_mean_orientation,
+    updated_scales,
+)
+from factors.point_track import track_cost
+
+
+def fit_rigid(problem: GraphProblem) -> KindFit:
+    """Nothing moved: the latent points alone, with their own noise scale."""
+    observations, config = problem.observations, problem.config
+    q, still = np.zeros(observations.frames), np.eye(4)
+    R = observations.R_world_part
+    R_ref = None if R is None else robust_mean_orientation(R)
+    errors = orientation_errors("prismatic", still, q, R_ref, observations)
+    still_guess = JointGuess("prismatic", still, q)
+    track = T_OVER_NORMAL * math.sqrt(guess_cost(still_guess, observations) / CHI2_MEDIAN)
+    scales, x = replace(problem.start, track=max(track, problem.start.track)), None
+    for _ in range(config.scale_iterations):
+        cost = track_cost("prismatic", still, q, observations.tracks, config.dof, scales.track, x)
+        new = updated_scales(cost.d2, errors, 0, scales, observations, config)
+        change, scales, x = scales.change(new), new, cost.x_joint
+        if change < config.scale_tolerance:
+            break
+    cost = track_cost("prismatic", still, q, observations.tracks, config.dof, scales.track, x)
+    likelihood = log_likelihood(cost.d2, errors, scales, observations, config)
+    log_det = cost.log_det_latent
+    if errors is not None:
+        log_det += 3 * math.log(orientation_information(errors, scales, config).sum())
+    return KindFit(
+        kind="rigid",
+        T_world_joint=None,
+        q=q,
+        cov=np.zeros((q.size - 1, q.size - 1)),
+        joint_directions=(),
+        scales=scales,
+        log_likelihood=likelihood,
+        log_prior=0.0,
+        log_frames=likelihood,
+        log_det=log_det,
+        tau=1.0,
+        cov_factor=1.0,
+        d2=cost.d2 * scales.track**2,
+        residual_joint=(cost.z_joint - cost.x_joint).swapaxes(1, 2),
+        x_joint=cost.x_joint,
+        has_reference=errors is not None,
+        freedom=observations.freedom(0),
+    )

@@ -1,0 +1,46 @@
+"""Symmetric 3x3 matrices as six numbers, many at a time: xx, xy, xz, yy, yz, zz.
+
+Covariances and weights of point tracks are kept this way, frames first: (T, 6, N) for the points
+of T frames. A stack of 3x3 matrices would spend its time in the calls for each.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+ROW, COL = np.triu_indices(3)  # of the six numbers
+UNPACK = np.array([[0, 1, 2], [1, 3, 4], [2, 4, 5]])  # packed index of every entry
+
+
+def rotated(information: Array, rotation: Array) -> Array:
+    """R^T Lambda R for packed Lambda (T, 6, N) and rotations (T, 3, 3)."""
+    left, right = rotation[:, :, ROW], rotation[:, :, COL]
+    # out_(ab) = sum_ij R_ia R_jb L_ij, the pair (i, j) folded onto the packed index
+    full = np.einsum("tip,tjp->tpij", left, right)
+    fold = np.empty((rotation.shape[0], 6, 6))
+    for k, (i, j) in enumerate(zip(ROW, COL, strict=True)):
+        fold[:, :, k] = full[:, :, i, j] if i == j else full[:, :, i, j] + full[:, :, j, i]
+    return fold @ information
+
+
+def times(packed: Array, v: Array) -> Array:
+    """Packed symmetric (T, 6, N) times vectors (T, 3, N)."""
+    x, y, z = v[:, 0], v[:, 1], v[:, 2]
+    out = np.empty(np.broadcast_shapes(packed[:, :3].shape, v.shape))
+    out[:, 0] = packed[:, 0] * x + packed[:, 1] * y + packed[:, 2] * z
+    out[:, 1] = packed[:, 1] * x + packed[:, 3] * y + packed[:, 4] * z
+    out[:, 2] = packed[:, 2] * x + packed[:, 4] * y + packed[:, 5] * z
+    return out
+
+
+def inverse_and_determinant(packed: Array) -> tuple[Array, Array]:
+    """Inverse (6, ...) and determinant (...) of packed symmetric matrices, by cofactors."""
+    a, b, c, d, e, f = packed
+    inverse = np.stack(
+        [d * f - e * e, c * e - b * f, b * e - c * d, a * f - c * c, b * c - a * e, a * d - b * b]
+    )
+    determinant = a * inverse[0] + b * inverse[1] + c * inverse[2]
+    return inverse / determinant, determinant
