@@ -44,6 +44,6 @@ class FitConfig:
     noise_prior_observations: float = 20.0  # weight of a given noise level, as observations
     undecided_below: float = 0.95  # probability a kind needs to be named
     systematic_share: float = 0.02  # of the travel: marker bias, flexing parts, play in the hinge
-    camera_systematic_m: float = 1e-4  # of a recording: what no averaging removes (calibration)
+    camera_systematic_m: float = 1.5e-4  # of a recording: what no averaging removes (calibration)
     systematic_modes: int = 4  # independent ways in which such errors bend what is seen
     parametric_p_value: float = 1e-3  # chi-square level below which no kind explains the data

@@ -109,9 +109,15 @@ def _clipped(fit: KindFit, observations: Observations) -> FloatArray:
     return e * np.minimum(1.0, limit / np.maximum(d, 1e-12))[..., None]
 
 
-def temper(fit: KindFit, tau: float) -> KindFit:
-    """The fit with one in `tau` observations counted; the solution stays."""
-    return replace(fit, cov=fit.cov * tau, cov_factor=fit.cov_factor * tau, tau=tau)
+def temper(fit: KindFit, tau: float, systematic: float) -> KindFit:
+    """The fit with one in `tau` observations counted; the solution stays.
+
+    `systematic` (see `systematic_points`) widens the covariance alone: errors of that size bend
+    what is seen a little, but do not make a door of a drawer, as counting fewer observations
+    in the evidence would.
+    """
+    factor = tau + systematic
+    return replace(fit, cov=fit.cov * factor, cov_factor=fit.cov_factor * factor, tau=tau)
 
 
 def kind_probabilities(fits: list[KindFit], prior: PriorConfig) -> dict[str, float]:

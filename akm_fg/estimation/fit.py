@@ -128,7 +128,7 @@ def _fit_on_one_thread(problem: FitProblem, began: float) -> ArticulationPosteri
     likeliest = max(fits, key=lambda fit: fit.log_likelihood)
     tau, visible = correlation_frames(likeliest, problem.observations)
     together = correlated_points(likeliest, problem.observations)
-    counted_as_one = tau * together + systematic_points(likeliest, problem)
+    as_one, systematic = tau * together, systematic_points(likeliest, problem)
     if visible < 1.0:
         observations = replace(problem.observations, visible_share=visible)
         solved = [
@@ -136,10 +136,10 @@ def _fit_on_one_thread(problem: FitProblem, began: float) -> ArticulationPosteri
         ]
         graph = replace(graph, observations=observations)
         fits, warnings = _fit_kinds(solved, graph, problem.name)
-    fits = [_pointing_forward(temper(fit, counted_as_one)) for fit in fits]
+    fits = [_pointing_forward(temper(fit, as_one, systematic)) for fit in fits]
     probability = kind_probabilities(fits, problem.config.prior)
     best = max(fits, key=lambda fit: probability[fit.kind])
-    parametric = is_parametric(best, problem, counted_as_one)
+    parametric = is_parametric(best, problem, as_one)
     decided = parametric and probability[best.kind] >= problem.config.undecided_below
     return ArticulationPosterior(
         name=problem.name,

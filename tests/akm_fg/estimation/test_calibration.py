@@ -183,3 +183,16 @@ def test_one_track_in_five_drifting_at_most_doubles_the_axis_error(
     posteriors, scores = _run(opening, score, 200, kind, travel, wild_share=0.2)
     assert np.mean([p.kind == kind for p in posteriors]) >= 0.97
     assert _median_axis_error_deg(scores) <= 2 * limit_deg
+
+
+def test_errors_of_the_sensor_widen_the_bounds_and_leave_the_kind(kind, opening):
+    """Fitted states of 200 points: sigma^2/N to sigma^2/N + b^2/m and more; evidence untouched."""
+    truth = opening(2, kind, points=200)
+    without, with_errors = (fit_tracks(truth.tracks, systematic_m=b) for b in (0.0, 0.002))
+    assert with_errors.kind == kind
+    for name, alternative in without.alternatives.items():
+        assert_allclose(with_errors.alternatives[name].log_evidence, alternative.log_evidence)
+    n, modes = 200 * 20, FitConfig().systematic_modes
+    want = 1 + n * 0.002**2 / (modes * SIGMA_M**2)
+    ratio = with_errors.best.joint.axis_sd_rad / without.best.joint.axis_sd_rad
+    assert_allclose(ratio**2, want, rtol=0.25)
