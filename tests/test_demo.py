@@ -63,6 +63,19 @@ def test_an_interrupted_demo_leaves_what_was_recorded_readable(tmp_path, monkeyp
     assert "interrupted" in (folder / "report.html").read_text()
 
 
+def test_a_grasp_that_fails_before_the_first_frame_is_told(tmp_path, monkeypatch, capfd):
+    from akm_fg.errors import GraspFailed
+    from sim.franka import SimFranka
+
+    def grasp(self, T_world_grasp, tick_s):
+        raise GraspFailed("the fingers met with nothing between them")
+        yield
+
+    monkeypatch.setattr(SimFranka, "grasp", grasp)
+    assert demo(DemoArguments("drawer", None, 0, tmp_path / "runs"), SMALL) == 1
+    assert "nothing between them" in capfd.readouterr().err
+
+
 def test_a_target_of_the_wrong_unit_is_refused(capfd):
     assert main(["demo", "--object", "door", "--target", "0.3"]) == 2
     assert "expected degrees" in capfd.readouterr().err

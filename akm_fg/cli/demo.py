@@ -17,7 +17,7 @@ from akm_fg import __version__
 from akm_fg.cli.exit_codes import DONE, GOAL_NOT_REACHED, INTERRUPTED
 from akm_fg.cli.output import json_output, write_line
 from akm_fg.cli.target import parse_target
-from akm_fg.errors import InputError, MissingDependency, OutputError
+from akm_fg.errors import GraspFailed, InputError, MissingDependency, OutputError
 from akm_fg.records import JointTruth
 
 if TYPE_CHECKING:
@@ -105,7 +105,11 @@ def demo(arguments: DemoArguments, setting: DemoSetting | None = None) -> int:
     _require_simulator()
     with json_output(arguments.json) as stream:
         folder = _make_folder(arguments)
-        summary, interrupted = _run(arguments, folder, {_KIND_OF_UNIT[unit]: target}, setting)
+        try:
+            summary, interrupted = _run(arguments, folder, {_KIND_OF_UNIT[unit]: target}, setting)
+        except GraspFailed as error:
+            print(f"akm-fg: {error}", file=sys.stderr)
+            return GOAL_NOT_REACHED
         summary.time_s["total"] = time.perf_counter() - began
         _write(folder, summary)
         if stream is not None:
@@ -178,8 +182,10 @@ def _run(
             interrupted = True
             episode.failure = "interrupted"
         truth = reporter.truth()
-        if truth is None:
-            raise OutputError(f"{folder}: nothing was recorded ({episode.failure})")
+        if truth is None:  # it ended before the first frame
+            if interrupted:
+                raise KeyboardInterrupt
+            raise GraspFailed(f"{name}: {episode.failure}; nothing was recorded")
         writer.set_truth(truth)
         writer.set_grasp_frames(0, len(episode.frames) - 1)
         final_state = float(world.truth().states[-1])
@@ -245,7 +251,8 @@ def _print(summary: RunSummary, folder: Path) -> None:
     console = Console()
     if not console.is_terminal:
         console = Console(width=120)
-    console.print(score_table(summary))
+    if summary.posterior is not None:
+        console.print(score_table(summary))
     if summary.failure is not None:
         console.print(f"not reached: {summary.failure}")
     console.print(f"report: {folder / 'report.html'}", soft_wrap=True)
