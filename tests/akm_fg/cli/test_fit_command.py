@@ -199,6 +199,16 @@ def test_json_on_standard_output_is_one_strict_object_a_line(good, tmp_path, cap
         np.testing.assert_allclose(np.abs(posterior["joint"]["axis"]), [0, 0, 1], atol=0.01)
 
 
+def test_a_frame_that_nobody_saw_is_null(tmp_path, capfd):
+    points = _drawer_points()
+    points[3] = np.nan
+    np.savez(tmp_path / "gap.npz", points=points, sigma_m=0.001)
+    assert main(["fit", str(tmp_path / "gap.npz"), "--json", "-"]) == 0
+    states = json.loads(capfd.readouterr().out)["states"]
+    assert states["mean"][3] is None and states["sd"][3] is None
+    assert states["mean"][4] is not None
+
+
 def test_the_table_names_every_input(good, capfd):
     assert main(["fit", str(good)]) == 0
     out = capfd.readouterr().out
@@ -208,16 +218,16 @@ def test_the_table_names_every_input(good, capfd):
 def test_an_interruption_keeps_what_is_done(good, tmp_path, capfd, monkeypatch):
     from akm_fg.cli import fit as command
 
-    real, calls = command._fit_one, []
+    real, calls, out = command._fit_one, [], tmp_path / "out.jsonl"
 
     def interrupted_at_the_second(path, seed):
         calls.append(path)
         if len(calls) == 2:
+            assert len(out.read_text().splitlines()) == 1  # on disk already: a kill loses nothing
             raise KeyboardInterrupt
         return real(path, seed)
 
     monkeypatch.setattr(command, "_fit_one", interrupted_at_the_second)
-    out = tmp_path / "out.jsonl"
     code = main(["fit", str(good), str(good), str(good), "--json", str(out)])
     assert code == 130
     assert len(out.read_text().splitlines()) == 1

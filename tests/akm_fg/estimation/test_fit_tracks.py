@@ -271,3 +271,15 @@ def test_a_single_point_on_a_wide_arc_is_a_hinge(opening):
     posterior = fit_tracks(tracks)
     assert posterior.kind == "revolute"
     assert np.degrees(_axis_between_rad(posterior.best.joint.axis, truth.axis)) < 3
+
+
+def test_frames_outside_the_graph_get_their_own_states_however_they_jump(kind, opening, score):
+    """States at random: what lies between two keyframes says nothing of the frame between."""
+    truth = opening(4, kind, frames=100)
+    posterior = fit_tracks(truth.tracks)
+    states = posterior.best.states
+    error = score(posterior, truth).state_error
+    assert np.isfinite(states.mean).all()
+    assert np.abs(error[1:] / states.sd[1:]).max() < 4.5
+    assert np.mean(np.abs(error[1:]) < 1.96 * states.sd[1:]) > 0.85
+    assert states.sd[1:].max() < 2 * np.median(states.sd[1:])
