@@ -28,8 +28,6 @@ def retract(values: gtsam.Values, keys: list[int], dims: list[int], delta: Array
     for key, dim in zip(keys, dims, strict=True):
         moved.insert(key, delta[start : start + dim])
         start += dim
-    for key in set(values.keys()) - set(keys):
-        moved.insert(key, np.zeros(values.dim()))
     return values.retract(moved)
 
 

@@ -116,15 +116,6 @@ class SimFranka:
             raise MotionInfeasible("a pose of the path is out of the arm's reach")
         yield from self._ticks(self._track(path), tick_s)
 
-    def release(self, tick_s: float) -> Iterator[None]:
-        """Open the fingers and back off along the gripper's z, if anything was held."""
-        yield from self._ticks(self._release(), tick_s)
-
-    def home(self, tick_s: float) -> Iterator[None]:
-        """Let go and move to the home posture, out of the camera's way."""
-        yield from self._ticks(self._release(), tick_s)
-        yield from self._ticks(self._joint_move(Q_HOME), tick_s)
-
     def _ticks(self, motion: Iterator[FloatArray], tick_s: float) -> Iterator[None]:
         """Applies a motion's torques step by step; hands back control every `tick_s`."""
         due = self._world.time_s + tick_s

@@ -99,10 +99,6 @@ class SimWorld:
             p.getJointState(self.object_id, self.part_joint, physicsClientId=self.client)[0]
         )
 
-    def set_part_state(self, state: float) -> None:
-        """Puts the part at a state (m or rad), at rest; for starting a task part-way open."""
-        p.resetJointState(self.object_id, self.part_joint, state, 0.0, physicsClientId=self.client)
-
     def truth(self) -> JointTruth:
         """The true joint and its state now. For scoring alone: nothing on the robot sees it."""
         T = self.placement.T_world_object

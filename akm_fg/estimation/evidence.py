@@ -87,17 +87,21 @@ def systematic_points(fit: KindFit, problem: FitProblem) -> float:
     modes add b^2 / m, whatever n is. The ratio of the two is what to count down by.
     """
     observed = problem.observations.tracks.observed
-    given = np.median((fit.squared_error_m2 / np.maximum(fit.d2, 1e-300))[observed])
-    variance = float(given) * fit.scales.track**2
+    variance = max(_noise_variance(fit, problem.observations), 1e-12)
     modes = problem.config.systematic_modes
-    return float(observed.sum() * problem.systematic_m**2 / (modes * max(variance, 1e-12)))
+    return float(observed.sum() * problem.systematic_m**2 / (modes * variance))
+
+
+def _noise_variance(fit: KindFit, observations: Observations) -> float:
+    """Typical variance of a coordinate (m^2): the given covariances, scaled as the fit found."""
+    observed = observations.tracks.observed
+    given = np.median((fit.squared_error_m2 / np.maximum(fit.d2, 1e-300))[observed])
+    return float(given) * fit.scales.track**2
 
 
 def _solver_variance(fit: KindFit, observations: Observations) -> float:
     """Mean squared residual (m^2) below which residuals are the solver's own, not the noise's."""
-    observed = observations.tracks.observed
-    given = np.median((fit.squared_error_m2 / np.maximum(fit.d2, 1e-300))[observed])
-    return _SOLVER_SHARE * float(given) * fit.scales.track**2
+    return _SOLVER_SHARE * _noise_variance(fit, observations)
 
 
 def _clipped(fit: KindFit, observations: Observations) -> FloatArray:

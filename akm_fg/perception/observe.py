@@ -51,11 +51,6 @@ class ObservedMotion:
         """The tracks of the moving part."""
         return self.tracks.select(self.segmentation.moving)
 
-    @property
-    def static_tracks(self) -> PointTracks:
-        """The tracks at rest."""
-        return self.tracks.select(self.segmentation.static)
-
 
 def observe_motion(
     recording: Recording,
