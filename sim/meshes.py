@@ -15,13 +15,17 @@ from sim.textures import TILE_M
 
 @dataclass(frozen=True, slots=True)
 class Box:
-    """A box of a link."""
+    """A box of a link, or the upright cylinder that fits into it."""
 
     name: str
     size_m: FloatArray  # (3,)
     T_link_box: gtsam.Pose3
     material: str
+    rounded: bool = False  # a cylinder along the box's own z
 
+
+UV_SHIFT = 2.0  # whole tiles: keeps texture coordinates positive down to -1.6 m
+ROUND_SIDES = 16  # of the prism that a cylinder is drawn as
 
 # For each side: its normal axis, its sign, and the box axes that texture u and v run along.
 _SIDES = (
@@ -38,8 +42,8 @@ def box_faces(box: Box) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Corners (6, 4, 3), texture coordinates (6, 4, 2) and normals (6, 3) in the link frame.
 
     Texture coordinates are the corner's position along the side's two axes over TILE_M, so that
-    the boards of one link share one continuous texture. They are positive, as TinyRenderer
-    wraps only positive ones. A bar along z gets its grain along z.
+    the boards of one link share one continuous texture. They are positive (UV_SHIFT), as
+    TinyRenderer wraps only positive ones. A bar along z gets its grain along z.
     """
     corners, uvs, normals = [], [], []
     R, t = box.T_link_box.rotation().matrix(), box.T_link_box.translation()
@@ -56,7 +60,7 @@ def box_faces(box: Box) -> tuple[FloatArray, FloatArray, FloatArray]:
         u_axis, v_axis = np.abs(R[:, a]).argmax(), np.abs(R[:, b]).argmax()
         uv = np.stack([p_link[:, u_axis], p_link[:, v_axis]], axis=-1)
         corners.append(p_link)
-        uvs.append(uv / TILE_M + 1.0)
+        uvs.append(uv / TILE_M + UV_SHIFT)
         normals.append(R @ normal)
     return np.array(corners), np.array(uvs), np.array(normals)
 
@@ -82,6 +86,10 @@ def write_textured_boxes(
     lines = [f"mtllib {path.stem}.mtl", "usemtl surface"]
     count = 0
     for box in boxes:
+        if box.rounded:
+            lines += _rod_lines(box, count)
+            count += 4 * ROUND_SIDES
+            continue
         corners, uvs, normals = (part[list(sides)] for part in box_faces(box))
         for ring, uv, normal in zip(corners, uvs, normals, strict=True):
             side = _side_lines(ring, uv, normal, count, split_m)
@@ -117,10 +125,42 @@ def _side_lines(
     return lines
 
 
+def _rod_lines(box: Box, first: int) -> list[str]:
+    """OBJ lines of a cylinder: its mantle, then both ends; vertices after `first`."""
+    n = ROUND_SIDES
+    turn = 2.0 * np.pi * np.arange(n) / n
+    rim = np.stack([np.cos(turn), np.sin(turn)], axis=-1)
+    R, t = box.T_link_box.rotation().matrix(), box.T_link_box.translation()
+    lines = []
+    for part, sign in (("mantle", -1.0), ("mantle", 1.0), ("end", -1.0), ("end", 1.0)):
+        p_box = np.column_stack([rim * box.size_m[:2] / 2.0, np.full(n, sign * box.size_m[2] / 2)])
+        flat = np.tile([0.0, 0.0, sign], (n, 1))
+        normals = np.column_stack([rim, np.zeros(n)]) if part == "mantle" else flat
+        uv = p_box[:, [0, 2]] if part == "mantle" else p_box[:, :2]
+        for p, m, c in zip(p_box @ R.T + t, normals @ R.T, uv / TILE_M + UV_SHIFT, strict=True):
+            lines.append(f"v {p[0]:.6f} {p[1]:.6f} {p[2]:.6f}")
+            lines.append(f"vt {c[0]:.6f} {c[1]:.6f}")
+            lines.append(f"vn {m[0]:.4f} {m[1]:.4f} {m[2]:.4f}")
+    return lines + _rod_triangles(first + 1)
+
+
+def _rod_triangles(first: int) -> list[str]:
+    """Faces over the four rings of `_rod_lines`, outsides counter-clockwise."""
+    n = ROUND_SIDES
+    low, high, bottom, top = (first + k * n for k in range(4))
+    faces = []
+    for i in range(n):
+        j = (i + 1) % n
+        faces += [(low + i, low + j, high + j), (low + i, high + j, high + i)]
+    for i in range(1, n - 1):
+        faces += [(bottom, bottom + i + 1, bottom + i), (top, top + i, top + i + 1)]
+    return ["f " + " ".join(f"{k}/{k}/{k}" for k in face) for face in faces]
+
+
 def inertia_of_boxes(boxes: Sequence[Box], mass_kg: float) -> tuple[FloatArray, FloatArray]:
     """Centre of mass (3,) and inertia (3, 3) about it, kg m^2, both in the link frame.
 
-    The boxes share `mass_kg` by volume.
+    The boxes share `mass_kg` by volume; a rounded one counts as its box.
     """
     volumes = np.array([np.prod(box.size_m) for box in boxes])
     masses = mass_kg * volumes / volumes.sum()

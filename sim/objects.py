@@ -11,7 +11,7 @@ import tempfile
 import xml.etree.ElementTree as ET
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal
+from typing import Literal, Protocol
 
 import cv2
 import gtsam
@@ -20,11 +20,11 @@ from scene_synthesizer.procedural_assets import CabinetAsset
 
 from akm_fg.records import FloatArray
 from sim.bullet import quiet
-from sim.meshes import Box, inertia_of_boxes, write_textured_boxes
+from sim.meshes import Box
 from sim.textures import FRONT_TEXTURES, Rgb, brushed_metal, rotated
+from sim.urdf_files import write_urdf
 
 OBJECT_NAMES = ("door", "drawer")
-PART_JOINT = "part_joint"
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,15 +49,60 @@ class ObjectSpec:
     front_texture: str
 
 
+class PartSpec(Protocol):
+    """What the world needs to know of any object with one moving part."""
+
+    @property
+    def name(self) -> str:
+        """What the object is called."""
+
+    @property
+    def seed(self) -> int:
+        """Of what varies from one meeting to the next."""
+
+    @property
+    def kind(self) -> Literal["prismatic", "revolute"]:
+        """Of the joint."""
+
+    @property
+    def size_m(self) -> FloatArray:
+        """(3,) width, depth, height."""
+
+    @property
+    def mass_kg(self) -> float:
+        """Of the moving part."""
+
+    @property
+    def damping(self) -> float:
+        """N s/m or N m s/rad."""
+
+    @property
+    def friction(self) -> float:
+        """Coulomb, N or N m."""
+
+    @property
+    def upper(self) -> float:
+        """End of the range, m or rad; it begins at 0, closed."""
+
+    @property
+    def handle_mu(self) -> float:
+        """Sliding friction of the handle against rubber with mu 1."""
+
+
 @dataclass(frozen=True, slots=True)
 class BuiltObject:
     """An object's files and geometry, in its own frame."""
 
-    spec: ObjectSpec
+    spec: PartSpec
     urdf: Path
     axis_object: FloatArray  # (3,) unit; the part opens along it (right-hand rule)
     pivot_object: FloatArray  # (3,) a point of the joint axis
     T_object_handle: gtsam.Pose3  # closed; z into the cabinet, x along the bar
+    p_object_front: FloatArray  # (3,) middle of the closed front
+    handle_thickness_m: float  # between the fingers
+    view_side: float  # +1 or -1: from where, along x, the opened front is seen best; 0: from both
+    view_low: bool = False  # the front turns down: a camera sees it only from low
+    lift_n: float = 0.0  # upward force of a balanced hinge on the part's centre of mass
 
 
 def sample_object(name: str, seed: int) -> ObjectSpec:
@@ -101,25 +146,24 @@ def build_object(spec: ObjectSpec, folder: Path) -> BuiltObject:
     links, joint = _synthesize(spec)
     rng = np.random.default_rng([spec.seed, 77])
     _write_textures(spec, folder, rng)
-    robot = ET.Element("robot", name=spec.name)
     moved = _place_handle(links["part"], spec)
-    for name, boxes in (("corpus", links["corpus"]), ("part", moved)):
-        mass = spec.mass_kg if name == "part" else 25.0
-        robot.append(_link(name, boxes, mass, folder))
-    robot.append(_joint(spec, joint))
-    urdf = folder / "object.urdf"
-    ET.ElementTree(robot).write(urdf)
+    urdf = write_urdf(spec, links["corpus"], moved, joint.origin, joint.axis, folder)
     bar = next(box for box in moved if box.name.endswith("handle_part_0"))
     R_object_handle = gtsam.Rot3(np.array([[1.0, 0, 0], [0, 0, 1.0], [0, -1.0, 0]]))
     if spec.kind == "revolute":  # the bar stands upright: x along it
         R_object_handle = R_object_handle * gtsam.Rot3.Rz(-np.pi / 2)
     p_bar = joint.origin + bar.T_link_box.translation()
+    _, depth, height = spec.size_m.tolist()
+    right = spec.hinge == "right" if spec.hinge else spec.seed % 2 == 1
     return BuiltObject(
         spec=spec,
         urdf=urdf,
         axis_object=joint.axis,
         pivot_object=joint.origin,
         T_object_handle=gtsam.Pose3(R_object_handle, p_bar),
+        p_object_front=np.array([0.0, -depth / 2.0, height - spec.front_height_m / 2.0]),
+        handle_thickness_m=spec.handle_bar_m,
+        view_side=1.0 if right else -1.0,
     )
 
 
@@ -203,42 +247,3 @@ def _write_textures(spec: ObjectSpec, folder: Path, rng: np.random.Generator) ->
     }
     for name, image in textures.items():
         cv2.imwrite(str(folder / f"{name}.png"), image[..., ::-1])
-
-
-def _link(name: str, boxes: list[Box], mass_kg: float, folder: Path) -> ET.Element:
-    link = ET.Element("link", name=name)
-    com, inertia = inertia_of_boxes(boxes, mass_kg)
-    inertial = ET.SubElement(link, "inertial")
-    ET.SubElement(inertial, "origin", xyz=_text(com), rpy="0 0 0")
-    ET.SubElement(inertial, "mass", value=f"{mass_kg:.6f}")
-    terms = {f"i{'xyz'[i]}{'xyz'[j]}": inertia[i, j] for i in range(3) for j in range(i, 3)}
-    ET.SubElement(inertial, "inertia", {k: f"{v:.8f}" for k, v in terms.items()})
-    for material in sorted({box.material for box in boxes}):
-        mesh = folder / f"{name}_{material}.obj"
-        chosen = [box for box in boxes if box.material == material]
-        write_textured_boxes(mesh, chosen, f"{material}.png", split_m=0.2)
-        geometry = ET.SubElement(ET.SubElement(link, "visual"), "geometry")
-        ET.SubElement(geometry, "mesh", filename=mesh.name)
-    for box in boxes:
-        collision = ET.SubElement(link, "collision", name=box.name)
-        rpy = _text(box.T_link_box.rotation().rpy())
-        ET.SubElement(collision, "origin", xyz=_text(box.T_link_box.translation()), rpy=rpy)
-        geometry = ET.SubElement(collision, "geometry")
-        ET.SubElement(geometry, "box", size=_text(box.size_m))
-    return link
-
-
-def _joint(spec: ObjectSpec, joint: _Joint) -> ET.Element:
-    element = ET.Element("joint", name=PART_JOINT, type=spec.kind)
-    ET.SubElement(element, "parent", link="corpus")
-    ET.SubElement(element, "child", link="part")
-    ET.SubElement(element, "origin", xyz=_text(joint.origin), rpy="0 0 0")
-    ET.SubElement(element, "axis", xyz=_text(joint.axis))
-    ET.SubElement(
-        element, "limit", lower="0", upper=f"{spec.upper:.6f}", effort="1000", velocity="10"
-    )
-    return element
-
-
-def _text(numbers: FloatArray) -> str:
-    return " ".join(f"{x:.9f}" for x in numbers)

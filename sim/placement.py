@@ -37,6 +37,8 @@ class Placement:
 
     T_world_object: gtsam.Pose3
     T_world_grasp: gtsam.Pose3
+    floor_m: float = 0.0  # height of the floor: below 0, the robot stands on a pedestal
+    plinth_m: float = 0.0  # of what the object stands on, above the floor
 
 
 def opened(built: BuiltObject, state: float) -> gtsam.Pose3:

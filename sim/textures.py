@@ -20,7 +20,7 @@ SIZE_PX = 1024  # side of a square texture
 TILE_M = 0.8  # side of the square it covers; larger than any front, so that nothing repeats
 
 
-def _noise(rng: np.random.Generator, sigma_px: tuple[float, float], size: int) -> FloatArray:
+def smooth_noise(rng: np.random.Generator, sigma_px: tuple[float, float], size: int) -> FloatArray:
     """Unit-variance noise (size, size), smoothed along v and u, that wraps at the borders."""
     spectrum = fft.rfft2(rng.standard_normal((size, size), dtype=np.float32))
     fv = 2.0 * np.pi * fft.fftfreq(size)[:, None] * sigma_px[0]
@@ -32,7 +32,7 @@ def _noise(rng: np.random.Generator, sigma_px: tuple[float, float], size: int) -
     return np.asarray(field / field.std())
 
 
-def _shade(base: FloatArray, value: FloatArray, gain: float) -> Rgb:
+def shade(base: FloatArray, value: FloatArray, gain: float) -> Rgb:
     """Base colour (3,) in 0..1, scaled by 1 + gain * value (size, size)."""
     image = base * (1.0 + gain * value)[..., None]
     return np.asarray(np.clip(image, 0.02, 1.0) * 255.0, dtype=np.uint8)
@@ -42,13 +42,13 @@ def wood(rng: np.random.Generator, size: int = SIZE_PX) -> Rgb:
     """Boards with wavy grain along u and pores."""
     base = np.array([0.66, 0.46, 0.28]) * rng.uniform(0.75, 1.25) + rng.uniform(-0.05, 0.05, 3)
     v = np.mgrid[0:size, 0:size][0] / size
-    warp = _noise(rng, (40.0, 160.0), size)
+    warp = smooth_noise(rng, (40.0, 160.0), size)
     rings = np.sin(2.0 * np.pi * (rng.integers(8, 14) * v + 0.5 * warp))
-    fibre = _noise(rng, (2.5, 30.0), size)
-    pores = _noise(rng, (3.0, 7.0), size)
-    blotch = _noise(rng, (60.0, 60.0), size)
+    fibre = smooth_noise(rng, (2.5, 30.0), size)
+    pores = smooth_noise(rng, (3.0, 7.0), size)
+    blotch = smooth_noise(rng, (60.0, 60.0), size)
     knots = _knots(rng, size)
-    return _shade(base, 0.35 * rings + 0.35 * fibre + 0.35 * pores + 0.3 * blotch - knots, 0.38)
+    return shade(base, 0.35 * rings + 0.35 * fibre + 0.35 * pores + 0.3 * blotch - knots, 0.38)
 
 
 def _knots(rng: np.random.Generator, size: int, count: int = 9) -> FloatArray:
@@ -67,34 +67,34 @@ def painted(rng: np.random.Generator, size: int = SIZE_PX) -> Rgb:
     """Matt paint with speckle of two sizes and a few scuffs."""
     hues = [[0.75, 0.72, 0.66], [0.42, 0.52, 0.60], [0.50, 0.58, 0.47], [0.66, 0.48, 0.42]]
     base = np.array(hues[int(rng.integers(len(hues)))]) * rng.uniform(0.85, 1.1)
-    fine = _noise(rng, (3.5, 3.5), size)
-    coarse = _noise(rng, (11.0, 11.0), size)
-    spots = np.maximum(_noise(rng, (6.0, 6.0), size) - 1.6, 0.0) * rng.choice([-2.5, 1.5])
-    scuffs = np.maximum(_noise(rng, (4.0, 40.0), size) - 1.8, 0.0)
+    fine = smooth_noise(rng, (3.5, 3.5), size)
+    coarse = smooth_noise(rng, (11.0, 11.0), size)
+    spots = np.maximum(smooth_noise(rng, (6.0, 6.0), size) - 1.6, 0.0) * rng.choice([-2.5, 1.5])
+    scuffs = np.maximum(smooth_noise(rng, (4.0, 40.0), size) - 1.8, 0.0)
     value = 0.45 * fine + 0.4 * coarse + spots - scuffs
-    return _shade(base, value, 0.2)
+    return shade(base, value, 0.2)
 
 
 def brushed_metal(rng: np.random.Generator, size: int = SIZE_PX) -> Rgb:
     """Grey metal brushed along u."""
     base = np.full(3, rng.uniform(0.45, 0.65)) + np.array([0.0, 0.0, 0.015])
-    value = 0.8 * _noise(rng, (2.5, 60.0), size) + 0.6 * _noise(rng, (15.0, 15.0), size)
-    return _shade(base, value, 0.16)
+    value = 0.8 * smooth_noise(rng, (2.5, 60.0), size) + 0.6 * smooth_noise(rng, (15.0, 15.0), size)
+    return shade(base, value, 0.16)
 
 
 def plaster(rng: np.random.Generator, size: int = SIZE_PX) -> Rgb:
     """A wall: faint mottling."""
     base = np.array([0.82, 0.81, 0.77]) * rng.uniform(0.9, 1.05)
-    value = 0.6 * _noise(rng, (25.0, 25.0), size) + 0.6 * _noise(rng, (5.0, 5.0), size)
-    return _shade(base, value, 0.05)
+    value = 0.6 * smooth_noise(rng, (25.0, 25.0), size) + 0.6 * smooth_noise(rng, (5.0, 5.0), size)
+    return shade(base, value, 0.05)
 
 
 def floor(rng: np.random.Generator, size: int = SIZE_PX) -> Rgb:
     """Terrazzo: chips in a grey ground."""
     base = np.array([0.50, 0.49, 0.47]) * rng.uniform(0.9, 1.1)
-    chips = np.maximum(_noise(rng, (5.0, 5.0), size) - 1.0, 0.0)
-    dark = np.maximum(_noise(rng, (7.0, 7.0), size) - 1.2, 0.0)
-    return _shade(base, 0.3 * _noise(rng, (30.0, 30.0), size) + 1.2 * chips - dark, 0.16)
+    chips = np.maximum(smooth_noise(rng, (5.0, 5.0), size) - 1.0, 0.0)
+    dark = np.maximum(smooth_noise(rng, (7.0, 7.0), size) - 1.2, 0.0)
+    return shade(base, 0.3 * smooth_noise(rng, (30.0, 30.0), size) + 1.2 * chips - dark, 0.16)
 
 
 def rotated(image: Rgb) -> Rgb:

@@ -15,9 +15,10 @@ from akm_fg.records import FloatArray, JointTruth
 from sim.bullet import PANDA_URDF, joint_index, load_urdf, p, quaternion_xyzw, quiet
 from sim.kinematics import N_ARM, Q_HOME, FrankaKinematics
 from sim.meshes import Box, write_textured_boxes
-from sim.objects import PART_JOINT, build_object, sample_object
-from sim.placement import Placement, place
+from sim.objects import PartSpec
+from sim.staging import find_spec, stage
 from sim.textures import floor, plaster
+from sim.urdf_files import PART_JOINT
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,7 +47,7 @@ class SimWorld:
     """
 
     def __init__(self, object_name: str, seed: int, config: WorldConfig | None = None) -> None:
-        self.spec = sample_object(object_name, seed)
+        self.spec: PartSpec = find_spec(object_name, seed)
         self.config = config or WorldConfig()
         self.kinematics = FrankaKinematics()
         self._steps = 0
@@ -56,8 +57,7 @@ class SimWorld:
     def __enter__(self) -> SimWorld:
         self._folder = tempfile.TemporaryDirectory(prefix="akm-fg-sim-")
         folder = Path(self._folder.name)
-        self.built = build_object(self.spec, folder)
-        self.placement: Placement = place(self.built, self.kinematics)
+        self.built, self.placement = stage(self.spec, folder, self.kinematics)
         with quiet():
             self.client = int(p.connect(p.DIRECT))
         self._entered = True
@@ -90,8 +90,22 @@ class SimWorld:
 
     def step(self) -> None:
         """One physics step."""
+        if self.built.lift_n > 0.0:
+            self._balance()
         p.stepSimulation(physicsClientId=self.client)
         self._steps += 1
+
+    def _balance(self) -> None:
+        """A balanced hinge carries the part's weight, wherever it stands."""
+        state = p.getLinkState(self.object_id, self.part_joint, physicsClientId=self.client)
+        p.applyExternalForce(
+            self.object_id,
+            self.part_joint,
+            [0.0, 0.0, self.built.lift_n],
+            state[0],
+            p.WORLD_FRAME,
+            physicsClientId=self.client,
+        )
 
     def part_state(self) -> float:
         """The true state of the part, m or rad. For scoring alone."""
@@ -128,8 +142,9 @@ class SimWorld:
         """
         rng = np.random.default_rng([self.spec.seed, 9])
         T, depth = self.placement.T_world_object, self.spec.size_m[1]
-        T_floor = gtsam.Pose3(gtsam.Rot3(), np.array([0.0, 0.0, -0.025]))
-        behind = gtsam.Pose3(gtsam.Rot3(), np.array([0.0, depth / 2 + 0.1, 2.0]))
+        ground, plinth = self.placement.floor_m, self.placement.plinth_m
+        T_floor = gtsam.Pose3(gtsam.Rot3(), np.array([0.0, 0.0, ground - 0.025]))
+        behind = gtsam.Pose3(gtsam.Rot3(), np.array([0.0, depth / 2 + 0.1, 2.0 - plinth]))
         for name, image, size, T_world_box, side in (
             ("floor", floor(rng), [16.0, 16.0, 0.05], T_floor, 4),
             ("wall", plaster(rng), [16.0, 0.05, 4.0], T * behind, 3),
@@ -142,17 +157,42 @@ class SimWorld:
             urdf = path.with_suffix(".urdf")
             urdf.write_text(ROOM_URDF.format(name=name), encoding="utf-8")
             self.room.append((urdf, T_world_box))
+        self._add_supports()
+
+    def _add_supports(self) -> None:
+        """What lifts the object (a plinth) or the robot (a pedestal) off the floor."""
+        ground, plinth = self.placement.floor_m, self.placement.plinth_m
+        T, size = self.placement.T_world_object, self.spec.size_m
+        if plinth > 0.0:
+            middle = gtsam.Pose3(gtsam.Rot3(), np.array([0.0, 0.0, -plinth / 2.0]))
+            self._add_block(np.array([size[0], 0.9 * size[1], plinth]), T * middle)
+        if ground < 0.0:
+            middle = gtsam.Pose3(gtsam.Rot3(), np.array([-0.05, 0.0, ground / 2.0]))
+            self._add_block(np.array([0.3, 0.3, -ground]), middle)
 
     def _add_wall(self, size_m: FloatArray, T_world_box: gtsam.Pose3) -> None:
+        # Without a visual shape the collision shape would be drawn: give it a speck inside.
+        self._add_static(size_m, np.full(3, 2e-4), T_world_box, [1.0, 1.0, 1.0, 1.0])
+
+    def _add_block(self, size_m: FloatArray, T_world_box: gtsam.Pose3) -> None:
+        self._add_static(size_m, size_m, T_world_box, [0.45, 0.45, 0.47, 1.0])
+
+    def _add_static(
+        self, size_m: FloatArray, seen_m: FloatArray, T_world_box: gtsam.Pose3, rgba: list[float]
+    ) -> None:
         shape = p.createCollisionShape(
             p.GEOM_BOX, halfExtents=(size_m / 2.0).tolist(), physicsClientId=self.client
         )
-        # Without a visual shape the collision shape would be drawn: give it a speck inside.
-        speck = p.createVisualShape(p.GEOM_BOX, halfExtents=[1e-4] * 3, physicsClientId=self.client)
+        looks = p.createVisualShape(
+            p.GEOM_BOX,
+            halfExtents=(seen_m / 2.0).tolist(),
+            rgbaColor=rgba,
+            physicsClientId=self.client,
+        )
         p.createMultiBody(
             0.0,
             shape,
-            speck,
+            looks,
             T_world_box.translation().tolist(),
             quaternion_xyzw(T_world_box.rotation()),
             physicsClientId=self.client,

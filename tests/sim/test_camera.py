@@ -9,8 +9,9 @@ import pytest
 from akm_fg.records import PinholeCamera
 from sim.bullet import p, quiet
 from sim.camera import CameraConfig, render, rendered_intrinsics
-from sim.episode import SimEpisode, look_at, open_world
+from sim.episode import SimEpisode, open_world
 from sim.noise import NOISE_LEVELS, noisy_depth
+from sim.views import look_at
 
 PLANE_X_M = 1.1
 

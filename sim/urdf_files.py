@@ -1,0 +1,105 @@
+"""The URDF of an object of boxes with one joint, its meshes beside it."""
+
+from __future__ import annotations
+
+import xml.etree.ElementTree as ET
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Protocol
+
+from akm_fg.records import FloatArray
+from sim.meshes import Box, inertia_of_boxes, write_textured_boxes
+
+PART_JOINT = "part_joint"
+CORPUS_KG = 25.0  # stands fixed: its mass plays no part
+
+
+class JointSpec(Protocol):
+    """What is written of the part and its joint."""
+
+    @property
+    def name(self) -> str:
+        """Of the object."""
+
+    @property
+    def kind(self) -> str:
+        """Prismatic or revolute."""
+
+    @property
+    def mass_kg(self) -> float:
+        """Of the part."""
+
+    @property
+    def upper(self) -> float:
+        """End of the range, m or rad."""
+
+
+def write_urdf(
+    spec: JointSpec,
+    corpus: list[Box],
+    part: list[Box],
+    origin: FloatArray,
+    axis: FloatArray,
+    folder: Path,
+) -> Path:
+    """Writes `object.urdf` and one mesh for each link and material into `folder`.
+
+    Args:
+        spec: the part and its joint.
+        corpus: boxes in the object frame; a texture MATERIAL.png is expected for each material.
+        part: boxes in the part's frame.
+        origin: (3,) of the part's frame in the object frame.
+        axis: (3,) of the joint.
+        folder: where to.
+    """
+    robot = ET.Element("robot", name=spec.name)
+    for name, boxes, mass_kg in (("corpus", corpus, CORPUS_KG), ("part", part, spec.mass_kg)):
+        robot.append(_link(name, boxes, mass_kg, folder))
+    robot.append(_joint(spec, origin, axis))
+    urdf = folder / "object.urdf"
+    ET.indent(robot)  # PyBullet cannot read long lines
+    ET.ElementTree(robot).write(urdf)
+    return urdf
+
+
+def _link(name: str, boxes: Sequence[Box], mass_kg: float, folder: Path) -> ET.Element:
+    link = ET.Element("link", name=name)
+    com, inertia = inertia_of_boxes(boxes, mass_kg)
+    inertial = ET.SubElement(link, "inertial")
+    ET.SubElement(inertial, "origin", xyz=_text(com), rpy="0 0 0")
+    ET.SubElement(inertial, "mass", value=f"{mass_kg:.6f}")
+    terms = {f"i{'xyz'[i]}{'xyz'[j]}": inertia[i, j] for i in range(3) for j in range(i, 3)}
+    ET.SubElement(inertial, "inertia", {k: f"{v:.8f}" for k, v in terms.items()})
+    for material in sorted({box.material for box in boxes}):
+        mesh = folder / f"{name}_{material}.obj"
+        chosen = [box for box in boxes if box.material == material]
+        write_textured_boxes(mesh, chosen, f"{material}.png", split_m=0.2)
+        geometry = ET.SubElement(ET.SubElement(link, "visual"), "geometry")
+        ET.SubElement(geometry, "mesh", filename=mesh.name)
+    for box in boxes:
+        collision = ET.SubElement(link, "collision", name=box.name)
+        rpy = _text(box.T_link_box.rotation().rpy())
+        ET.SubElement(collision, "origin", xyz=_text(box.T_link_box.translation()), rpy=rpy)
+        geometry = ET.SubElement(collision, "geometry")
+        if box.rounded:
+            radius, length = f"{box.size_m[0] / 2.0:.9f}", f"{box.size_m[2]:.9f}"
+            ET.SubElement(geometry, "cylinder", radius=radius, length=length)
+        else:
+            ET.SubElement(geometry, "box", size=_text(box.size_m))
+    return link
+
+
+def _joint(spec: JointSpec, origin: FloatArray, axis: FloatArray) -> ET.Element:
+    element = ET.Element("joint", name=PART_JOINT, type=spec.kind)
+    ET.SubElement(element, "parent", link="corpus")
+    ET.SubElement(element, "child", link="part")
+    ET.SubElement(element, "origin", xyz=_text(origin), rpy="0 0 0")
+    ET.SubElement(element, "axis", xyz=_text(axis))
+    ET.SubElement(
+        element, "limit", lower="0", upper=f"{spec.upper:.6f}", effort="1000", velocity="10"
+    )
+    return element
+
+
+def _text(numbers: FloatArray) -> str:
+    return " ".join(f"{x:.9f}" for x in numbers)
