@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
-JointKind = Literal["rigid", "prismatic", "revolute"]
+JointKind = Literal["rigid", "prismatic", "revolute", "helical"]
 
 
 def _require(condition: bool, message: str) -> None:

@@ -5,7 +5,7 @@ joint no translation does. The factor puts the origin at the point of the axis n
 centroid of the moving points (for a prismatic joint: at the centroid) and keeps the heading of
 the x axis near that of a given frame. It adds no information on the joint itself.
 
-Error (revolute): [ Log(R_ref^T R)_z, (T_world_joint^-1 c)_z ];
+Error (revolute, helical): [ Log(R_ref^T R)_z, (T_world_joint^-1 c)_z ];
 prismatic: [ Log(R_ref^T R)_z, T_world_joint^-1 c ]. Radians and metres, tangent order of GTSAM.
 """
 
@@ -22,6 +22,7 @@ Array = NDArray[np.float64]
 
 GAUGE_NAMES: dict[str, tuple[str, ...]] = {
     "revolute": ("wz", "vz"),
+    "helical": ("wz", "vz"),
     "prismatic": ("wz", "vx", "vy", "vz"),
 }
 # Far below every posterior width that matters, far above what makes the system ill-conditioned.
@@ -46,7 +47,7 @@ def gauge_factor(
     centroid = np.asarray(centroid_world, dtype=float)
     if centroid.shape != (3,) or not np.isfinite(centroid).all():
         raise ValueError(f"centroid {centroid}, expected three finite numbers")
-    rows = [2] if kind == "revolute" else [0, 1, 2]
+    rows = [0, 1, 2] if kind == "prismatic" else [2]
 
     def residual(values: gtsam.Values, want_jacobians: bool) -> tuple[Array, list[Array] | None]:
         T = values.atPose3(joint_key)

@@ -2,8 +2,8 @@
 
 The part moves by ``T_world_joint * Exp(q S) * T_world_joint^-1`` with a unit twist S in the joint
 frame, whose z axis is the joint axis: rotation about z (revolute), translation along z
-(prismatic). Frames and tangent order: docs/conventions.md (GTSAM order: rotation first,
-increment on the right).
+(prismatic), or both, `pitch` metres along for every radian about (helical). Frames and tangent
+order: docs/conventions.md (GTSAM order: rotation first, increment on the right).
 
 Everything here works on *reference coordinates*: the joint-frame coordinates, at state zero, of
 an observed point,
@@ -14,9 +14,9 @@ A point of the part has the same z in every frame, so z minus the point's latent
 residual. With ``G(z) = [ [z]x | -I ]``, the derivative of a point's coordinates under a twist of
 the frame, the chain rule gives (Lynch and Park, Modern Robotics, 2017, sec. 3.3 and 5.1)
 
-    d z / d xi = G(z) Ad(Exp(-q S)),      d z / d q = G(z) S,
+    d z / d xi = G(z) Ad(Exp(-q S)),      d z / d q = G(z) S,      d z / d pitch = q G(z) e_vz,
 
-for a right increment xi of T_world_joint.
+for a right increment xi of T_world_joint; e_vz is the unit translation along z.
 """
 
 from __future__ import annotations
@@ -27,28 +27,37 @@ import numpy as np
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
-MovingKind = Literal["prismatic", "revolute"]
+MovingKind = Literal["prismatic", "revolute", "helical"]
 
 UNIT_TWIST: dict[str, Array] = {
     "revolute": np.array([0.0, 0.0, 1.0, 0.0, 0.0, 0.0]),
     "prismatic": np.array([0.0, 0.0, 0.0, 0.0, 0.0, 1.0]),
+    "helical": np.array([0.0, 0.0, 1.0, 0.0, 0.0, 0.0]),  # plus its pitch
 }
 
 
-def unit_twist(kind: str) -> Array:
+def unit_twist(kind: str, pitch: float = 0.0) -> Array:
     """The joint's unit twist S (6,), rotation first, in the joint frame.
 
+    Args:
+        kind: joint kind.
+        pitch: of a helical joint, metres per radian.
+
     Raises:
-        ValueError: an unknown kind.
+        ValueError: an unknown kind, or a pitch of a joint that is not helical.
     """
     if kind not in UNIT_TWIST:
         raise ValueError(f"joint kind {kind!r}, expected one of {sorted(UNIT_TWIST)}")
+    if kind == "helical":
+        return UNIT_TWIST[kind] + np.array([0.0, 0.0, 0.0, 0.0, 0.0, pitch])
+    if pitch:
+        raise ValueError(f"pitch {pitch} m/rad of a {kind} joint, expected 0")
     return UNIT_TWIST[kind]
 
 
-def joint_displacement(kind: str, q: Array) -> tuple[Array, Array]:
+def joint_displacement(kind: str, q: Array, pitch: float = 0.0) -> tuple[Array, Array]:
     """Rotations (T, 3, 3) and translations (T, 3) of Exp(q S) in the joint frame, q (T,)."""
-    twist = unit_twist(kind)
+    twist = unit_twist(kind, pitch)
     rotations = np.tile(np.eye(3), (q.size, 1, 1))
     translations = np.zeros((q.size, 3))
     if twist[2]:
@@ -59,39 +68,64 @@ def joint_displacement(kind: str, q: Array) -> tuple[Array, Array]:
     return rotations, translations
 
 
-def part_motion(kind: str, T_world_joint: Array, q: Array) -> tuple[Array, Array]:
+def part_motion(
+    kind: str, T_world_joint: Array, q: Array, pitch: float = 0.0
+) -> tuple[Array, Array]:
     """Rotations (T, 3, 3) and translations (T, 3) that take points at state 0 to state q, in world.
 
     Args:
         kind: joint kind.
         T_world_joint: (4, 4).
         q: (T,) states, radians or metres.
+        pitch: of a helical joint, metres per radian.
     """
     R_world_joint, o_world = T_world_joint[:3, :3], T_world_joint[:3, 3]
-    rotations, translations = joint_displacement(kind, q)
+    rotations, translations = joint_displacement(kind, q, pitch)
     R_world = R_world_joint @ rotations @ R_world_joint.T
     t_world = translations @ R_world_joint.T + o_world - R_world @ o_world
     return R_world, t_world
 
 
-def reference_coordinates(kind: str, T_world_joint: Array, q: Array, p_world: Array) -> Array:
+def reference_coordinates(
+    kind: str, T_world_joint: Array, q: Array, p_world: Array, pitch: float = 0.0
+) -> Array:
     """Reference coordinates z (T, 3, N) of observed points p_world (T, 3, N), states q (T,)."""
     R_world_joint, o_world = T_world_joint[:3, :3], T_world_joint[:3, 3]
-    rotations, translations = joint_displacement(kind, q)
+    rotations, translations = joint_displacement(kind, q, pitch)
     R_ref_world = np.swapaxes(rotations, 1, 2) @ R_world_joint.T
     offset = np.einsum("tij,tj->ti", R_ref_world, o_world + translations @ R_world_joint.T)
     return R_ref_world @ p_world - offset[:, :, None]
 
 
-def adjoint_of_return(kind: str, q: Array) -> Array:
+def adjoint_of_return(kind: str, q: Array, pitch: float = 0.0) -> Array:
     """Ad(Exp(-q S)) for every frame, (T, 6, 6), tangent order rotation first."""
-    rotations, translations = joint_displacement(kind, q)
+    rotations, translations = joint_displacement(kind, q, pitch)
     Rt = np.swapaxes(rotations, 1, 2)
     back = -np.einsum("tij,tj->ti", Rt, translations)
     adjoint = np.zeros((q.size, 6, 6))
     adjoint[:, :3, :3] = adjoint[:, 3:, 3:] = Rt
     adjoint[:, 3:, :3] = skew(back) @ Rt
     return adjoint
+
+
+def motion_jacobians(
+    kind: str, T_world_joint: Array, q: Array, pitch: float = 0.0
+) -> tuple[Array, Array, Array]:
+    """How the motions M_t = T Exp(q_t S) T^-1 turn: twists d_t of M_t Exp(d_t), world axes.
+
+        d d_t / d xi = Ad(T) (Ad(Exp(-q_t S)) - I),   d d_t / d q_t = Ad(T) S,
+        d d_t / d pitch = q_t Ad(T) e_vz
+
+    Returns:
+        By xi (T, 6, 6), by each frame's own state (T, 6) and by the pitch (T, 6), rotation first.
+    """
+    adjoint = np.zeros((6, 6))
+    R = T_world_joint[:3, :3]
+    adjoint[:3, :3] = adjoint[3:, 3:] = R
+    adjoint[3:, :3] = skew(T_world_joint[:3, 3]) @ R
+    by_xi = adjoint @ (adjoint_of_return(kind, q, pitch) - np.eye(6))
+    by_state = np.tile(adjoint @ unit_twist(kind, pitch), (q.size, 1))
+    return by_xi, by_state, q[:, None] * adjoint[:, 5]
 
 
 def skew(v: Array) -> Array:

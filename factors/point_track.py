@@ -1,10 +1,10 @@
 """Point-track factor: every tracked point of the part follows the joint.
 
 Claim: N points of one rigid part, observed in T frames with known 3x3 covariances, move as the
-joint says. Variables: T_world_joint (Pose3) and one state q_t per frame (double; q of a frame
-may be fixed at zero). The points' reference positions are latent and marginalised here, so that
-no frame counts as exact (the paper's Eq. 5 takes the first frame's points as truth, which makes
-the axis' covariance several times too small).
+joint says. Variables: T_world_joint (Pose3), one state q_t per frame (double; q of a frame may be
+fixed at zero), and a helical joint's pitch (double). The points' reference positions are latent
+and marginalised here, so that no frame counts as exact (the paper's Eq. 5 takes the first frame's
+points as truth, which makes the axis' covariance several times too small).
 
 Residual of one observation, in reference coordinates (see `factors.joint_motion`):
 
@@ -38,6 +38,8 @@ from factors.packed import COL, ROW, UNPACK, inverse_and_determinant, rotated, t
 from factors.student_t import twice_negative_log_kernel, weight
 
 Array = NDArray[np.float64]
+
+_Z = np.array([[0.0], [0.0], [1.0]])
 
 
 @dataclass(frozen=True, slots=True)
@@ -109,6 +111,7 @@ def track_cost(
     dof: float,
     scale: float,
     x_start: Array | None = None,
+    pitch: float = 0.0,
 ) -> TrackCost:
     """Evaluate the tracks' cost.
 
@@ -120,12 +123,13 @@ def track_cost(
         dof: degrees of freedom of the Student-t kernel.
         scale: factor on the observations' standard deviations.
         x_start: (3, N) where to start the latent points; their medians over the frames if None.
+        pitch: of a helical joint, metres per radian.
     """
-    z = reference_coordinates(kind, T_world_joint, q, tracks.p_world)
+    z = reference_coordinates(kind, T_world_joint, q, tracks.p_world, pitch)
     rotations, _ = joint_displacement(kind, q)
     information = rotated(tracks.information_world, T_world_joint[:3, :3] @ rotations) / scale**2
     x = _first_reference(z, tracks.observed) if x_start is None else x_start
-    x, weighted, d2 = _best_reference(z, information, x, dof)
+    x, weighted, d2 = best_reference(z, information, x, dof)
     return TrackCost(
         twice_cost=float(twice_negative_log_kernel(d2, dof, 3).sum()),
         d2=d2,
@@ -156,7 +160,7 @@ def rough_track_cost(kind: str, T_world_joint: Array, q: Array, tracks: TrackObs
     return (e * times(information, e)).sum(axis=1)[tracks.observed]
 
 
-def _best_reference(
+def best_reference(
     z: Array,
     information: Array,
     x: Array,
@@ -188,39 +192,63 @@ def _best_reference(
     return x, information * weight(d2, dof, 3)[:, None, :], d2
 
 
-def track_normal_equations(kind: str, q: Array, cost: TrackCost) -> tuple[Array, Array]:
-    """Information (6 + T, 6 + T) and gradient (6 + T,) over (xi, q), latent points marginalised.
+def track_normal_equations(
+    kind: str, q: Array, cost: TrackCost, pitch: float = 0.0
+) -> tuple[Array, Array]:
+    """Information (d, d) and gradient (d,), latent points marginalised.
 
-    The twist Jacobian G(x_n) does not depend on the frame, so that sums over points and frames
-    are products of matrices.
+    Over (xi, q), d = 6 + T; of a helical joint over (xi, q, pitch), d = 7 + T. The twist Jacobian
+    G(x_n) does not depend on the frame, so that sums over points and frames are products of
+    matrices.
     """
     W = cost.information
     T, _, N = W.shape
-    S, adjoint, G = unit_twist(kind), adjoint_of_return(kind, q), _twist_jacobian(cost.x_joint)
+    adjoint, G = adjoint_of_return(kind, q, pitch), twist_jacobian(cost.x_joint)
+    along = _joint_columns(kind, q, pitch)  # (T, 6, c): what moves a frame apart from its joint
+    c = along.shape[2]
     We = times(W, cost.z_joint - cost.x_joint)
     # per frame: G^T W G (T, 6, 6) and G^T W e (T, 6), summed over the points
-    twist_information = (W.reshape(T, -1) @ _twist_products(G)).reshape(T, 6, 6)
+    twist_information = (W.reshape(T, -1) @ twist_products(G)).reshape(T, 6, 6)
     twist_gradient = We.reshape(T, -1) @ G.transpose(0, 2, 1).reshape(3 * N, 6)
-    direction = np.einsum("ajn,j->an", G, S)
-    F = np.empty((3, 6 + T, N))
+    F = np.empty((3, 6 + T + c - 1, N))
     moved = (adjoint.reshape(T, 36).T @ W.reshape(T, -1)).reshape(6, 6, 6, N)  # j, k, packed, n
     F[:, :6] = np.einsum("jkabn,bjn->akn", moved[:, :, UNPACK], G)
-    F[:, 6:] = times(W, np.broadcast_to(direction, We.shape)).transpose(1, 0, 2)
+    direction = np.einsum("ajn,j->an", G, unit_twist(kind, pitch))
+    F[:, 6 : 6 + T] = times(W, np.broadcast_to(direction, We.shape)).transpose(1, 0, 2)
     chained = twist_information @ adjoint
-    H = np.zeros((6 + T, 6 + T))
+    H = np.zeros((6 + T + c - 1, 6 + T + c - 1))
     H[:6, :6] = np.einsum("tji,tjk->ik", adjoint, chained)
-    H[6:, :6] = np.einsum("j,tjk->tk", S, chained)
-    H[:6, 6:] = H[6:, :6].T
-    H[range(6, 6 + T), range(6, 6 + T)] = np.einsum("i,tij,j->t", S, twist_information, S)
-    g = np.concatenate([np.einsum("tji,tj->i", adjoint, twist_gradient), twist_gradient @ S])
+    states = np.arange(6, 6 + T)
+    S = along[:, :, 0]
+    H[6 : 6 + T, :6] = np.einsum("tj,tjk->tk", S, chained)
+    H[states, states] = np.einsum("ti,tij,tj->t", S, twist_information, S)
+    g = np.zeros(6 + T + c - 1)
+    g[:6] = np.einsum("tji,tj->i", adjoint, twist_gradient)
+    g[6 : 6 + T] = (twist_gradient * S).sum(axis=1)
+    if c == 2:
+        P = along[:, :, 1]
+        F[:, -1] = np.einsum("t,tan->an", q, times(W, np.broadcast_to(-_Z, We.shape)))
+        H[-1, :6] = np.einsum("tj,tjk->k", P, chained)
+        H[-1, 6 : 6 + T] = np.einsum("ti,tij,tj->t", P, twist_information, S)
+        H[-1, -1] = np.einsum("ti,tij,tj->", P, twist_information, P)
+        g[-1] = float((twist_gradient * P).sum())
+    H = np.tril(H) + np.tril(H, -1).T
     pull = We.sum(axis=0)  # what is left of the latent's own gradient
-    rows = np.concatenate([F, pull[:, None]], axis=1)  # (3, 7 + T, N)
+    rows = np.concatenate([F, pull[:, None]], axis=1)  # (3, d + 1, N)
     held = times(inverse_and_determinant(W.sum(axis=0))[0][None, :, None], rows[None])[0]
     marginalised = np.tensordot(F, held, axes=([0, 2], [0, 2]))
     return H - marginalised[:, :-1], g - marginalised[:, -1]
 
 
-def _twist_products(G: Array) -> Array:
+def _joint_columns(kind: str, q: Array, pitch: float) -> Array:
+    """(T, 6, c) twists of a frame by its own state and, for a helical joint, by the pitch."""
+    columns = [np.tile(unit_twist(kind, pitch), (q.size, 1))]
+    if kind == "helical":
+        columns.append(q[:, None] * np.array([0.0, 0.0, 0.0, 0.0, 0.0, 1.0]))
+    return np.stack(columns, axis=2)
+
+
+def twist_products(G: Array) -> Array:
     """What a packed weight adds to G^T W G: (6 N, 36), from G (3, 6, N)."""
     products = np.empty((6, G.shape[2], 36))
     for k, (a, b) in enumerate(zip(ROW, COL, strict=True)):
@@ -229,9 +257,9 @@ def _twist_products(G: Array) -> Array:
     return products.reshape(-1, 36)
 
 
-def state_information(kind: str, cost: TrackCost) -> Array:
+def state_information(kind: str, cost: TrackCost, pitch: float = 0.0) -> Array:
     """(T,) information on each state when joint and latent points are held."""
-    step = np.einsum("ajn,j->an", _twist_jacobian(cost.x_joint), unit_twist(kind))
+    step = np.einsum("ajn,j->an", twist_jacobian(cost.x_joint), unit_twist(kind, pitch))
     full = cost.information[:, UNPACK]
     return np.einsum("an,tabn,bn->t", step, full, step)
 
@@ -244,6 +272,7 @@ def state_step(
     tracks: TrackObservations,
     dof: float,
     scale: float,
+    pitch: float = 0.0,
 ) -> tuple[Array, Array]:
     """Gauss-Newton step and information (T,) of each state with joint and latent points held.
 
@@ -255,21 +284,22 @@ def state_step(
         tracks: the observations.
         dof: degrees of freedom of the Student-t kernel.
         scale: factor on the observations' standard deviations.
+        pitch: of a helical joint, metres per radian.
     """
-    z = reference_coordinates(kind, T_world_joint, q, tracks.p_world)
+    z = reference_coordinates(kind, T_world_joint, q, tracks.p_world, pitch)
     rotations, _ = joint_displacement(kind, q)
     information = rotated(tracks.information_world, T_world_joint[:3, :3] @ rotations) / scale**2
     e = z - x_joint
     Le = times(information, e)
     w = weight((e * Le).sum(axis=1), dof, 3)
-    direction = np.einsum("ajn,j->an", _twist_jacobian(x_joint), unit_twist(kind))
+    direction = np.einsum("ajn,j->an", twist_jacobian(x_joint), unit_twist(kind, pitch))
     gradient = (direction * Le * w[:, None]).sum(axis=(1, 2))
     along = times(information * w[:, None], np.broadcast_to(direction, z.shape))
     curvature = (direction * along).sum(axis=(1, 2))
     return -gradient / curvature, curvature
 
 
-def _twist_jacobian(x_joint: Array) -> Array:
+def twist_jacobian(x_joint: Array) -> Array:
     """G(x) = [ [x]x | -I ], (3, 6, N)."""
     G = np.zeros((3, 6, x_joint.shape[1]))
     x, y, z = x_joint
@@ -279,9 +309,9 @@ def _twist_jacobian(x_joint: Array) -> Array:
     return G
 
 
-def point_key(T_world_joint: Array, q: Array) -> bytes:
-    """What a joint (4, 4) and states (T,) are filed under."""
-    return T_world_joint.tobytes() + q.tobytes()
+def point_key(T_world_joint: Array, q: Array, pitch: float = 0.0) -> bytes:
+    """What a joint (4, 4), states (T,) and a pitch are filed under."""
+    return T_world_joint.tobytes() + q.tobytes() + np.float64(pitch).tobytes()
 
 
 def point_track_factor(
@@ -293,8 +323,9 @@ def point_track_factor(
     scale: float,
     x_start: Array | None = None,
     last: dict[bytes, TrackCost] | None = None,
+    pitch_key: int | None = None,
 ) -> gtsam.CustomFactor:
-    """The factor over T_world_joint and the states.
+    """The factor over T_world_joint, the states and a helical joint's pitch.
 
     Args:
         kind: joint kind.
@@ -305,35 +336,43 @@ def point_track_factor(
         scale: factor on the observations' standard deviations.
         x_start: (3, N) where to start the latent points, joint frame; saves time only.
         last: keeps the last evaluation under `point_key`, for a caller who wants it too.
+        pitch_key: key of a helical joint's pitch (double), metres per radian.
 
     Raises:
-        ValueError: the number of keys is not that of the frames, or an unknown kind.
+        ValueError: the number of keys is not that of the frames, an unknown kind, or a pitch key
+            where there is no pitch (or none where there is one).
     """
     unit_twist(kind)
     if len(state_keys) != tracks.p_world.shape[0]:
         raise ValueError(f"{len(state_keys)} state keys, {tracks.p_world.shape[0]} frames")
+    if (kind == "helical") != (pitch_key is not None):
+        raise ValueError(f"a {kind} joint with pitch key {pitch_key}; helical joints have one")
     free = [t for t, key in enumerate(state_keys) if key is not None]
     keys = [key for key in state_keys if key is not None]
+    after = [] if pitch_key is None else [pitch_key]
     columns = np.concatenate([np.arange(6), 6 + np.array(free, dtype=int)])
+    if after:
+        columns = np.append(columns, 6 + len(state_keys))
     memory = {} if last is None else last
 
     def residual(values: gtsam.Values, want_jacobians: bool) -> tuple[Array, list[Array] | None]:
         T_world_joint = values.atPose3(joint_key).matrix()
         q = np.zeros(len(state_keys))
         q[free] = [values.atDouble(key) for key in keys]
-        here = point_key(T_world_joint, q)
+        pitch = values.atDouble(pitch_key) if pitch_key is not None else 0.0
+        here = point_key(T_world_joint, q, pitch)
         if here not in memory:  # the optimiser asks for the error first, then for the Jacobian
             start = next((cost.x_joint for cost in memory.values()), x_start)
             memory.clear()
-            memory[here] = track_cost(kind, T_world_joint, q, tracks, dof, scale, start)
+            memory[here] = track_cost(kind, T_world_joint, q, tracks, dof, scale, start, pitch)
         cost = memory[here]
         if not want_jacobians:
             e = np.zeros(columns.size + 1)
             e[-1] = np.sqrt(cost.twice_cost)
             return e, None
-        H, g = track_normal_equations(kind, q, cost)
+        H, g = track_normal_equations(kind, q, cost, pitch)
         A, e = square_root_rows(H[np.ix_(columns, columns)], g[columns], cost.twice_cost)
-        return e, [A[:, :6], *(A[:, 6 + k : 7 + k] for k in range(len(free)))]
+        return e, [A[:, :6], *(A[:, k : k + 1] for k in range(6, columns.size))]
 
-    dims = {joint_key: 6, **dict.fromkeys(keys, 1)}
+    dims = {joint_key: 6, **dict.fromkeys([*keys, *after], 1)}
     return make_factor(residual, dims, gtsam.noiseModel.Unit.Create(columns.size + 1))

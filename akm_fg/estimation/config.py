@@ -15,12 +15,13 @@ class PriorConfig:
     handle_distance_m: float = 0.6  # the same for the path of one marker, which sits on a handle
     hinge_distance_sigma_log: float = 0.6  # 95 % of hinges between a third and three times that
     displacement_range_m: float = 1.0  # a frame's displacement is uniform over it: +-0.5 m
+    pitch_sigma_m_per_rad: float = 0.05  # of helical joints: 30 cm a turn
     kind_probability: dict[str, float] = field(
         default_factory=lambda: {
-            "rigid": 1 / 3,
-            "prismatic": 1 / 3,
-            "revolute": 1 / 3,
-            "helical": 0.0,  # not modelled yet
+            "rigid": 0.332,
+            "prismatic": 0.332,
+            "revolute": 0.332,
+            "helical": 0.004,  # screws are rare in furniture
         }
     )
 
@@ -40,6 +41,7 @@ class FitConfig:
     rough_iterations: int = 12  # the same while comparing
     polish_within: float = 50.0  # nats of evidence behind the best; farther off is out of the race
     scale_iterations: int = 6  # rounds of: solve, estimate the noise scale
+    still_scale_iterations: int = 2  # of a kind that is out of the race
     scale_tolerance: float = 0.02  # relative change of the noise scale that ends the rounds
     noise_prior_observations: float = 20.0  # weight of a given noise level, as observations
     undecided_below: float = 0.95  # probability a kind needs to be named

@@ -6,6 +6,7 @@ tracks -> free rigid motion (inliers, noise, starts) -> one graph a kind -> evid
 from __future__ import annotations
 
 import time
+from contextlib import AbstractContextManager
 from dataclasses import replace
 from functools import cache
 from typing import cast
@@ -42,6 +43,7 @@ from akm_fg.estimation.problem import (
 )
 from akm_fg.estimation.rigid_fit import fit_rigid
 from akm_fg.estimation.rigid_motion import MIN_POINTS
+from akm_fg.estimation.starts import Start, starts_of_part
 from akm_fg.estimation.states import states_of_all_frames
 from akm_fg.records import JointKind, PointTracks, PoseTrack
 from factors.gauge import GAUGE_NAMES
@@ -79,11 +81,12 @@ def fit_tracks(
             "expected at least one track of two frames"
         )
     tracks = tracks.select(usable)
-    if usable.sum() < MIN_POINTS:
-        problem = problem_of_path(name, tracks, None, noise_known, config)
-    else:
-        problem = problem_of_tracks(name, tracks, noise_known, seed, config)
-    return _fit(replace(problem, systematic_m=systematic_m), began)
+    with one_blas_thread():
+        if usable.sum() < MIN_POINTS:
+            problem = problem_of_path(name, tracks, None, noise_known, config)
+        else:
+            problem = problem_of_tracks(name, tracks, noise_known, seed, config)
+        return _fit(replace(problem, systematic_m=systematic_m), began)
 
 
 def fit_poses(
@@ -101,8 +104,9 @@ def fit_poses(
         raise TracksLost(f"{name}: one frame only; expected at least two")
     cov = np.broadcast_to(np.eye(3) * NOMINAL_POSITION_M**2, (*p_world.shape, 3))
     tracks = PointTracks(p_world, cov)
-    problem = problem_of_path(name, tracks, poses.R_world_part, False, config or FitConfig())
-    return _fit(problem, began)
+    with one_blas_thread():
+        problem = problem_of_path(name, tracks, poses.R_world_part, False, config or FitConfig())
+        return _fit(problem, began)
 
 
 @cache
@@ -110,32 +114,29 @@ def _threads() -> ThreadpoolController:
     return ThreadpoolController()
 
 
+def one_blas_thread() -> AbstractContextManager[object]:
+    """Matrices of a hundred rows: more than one BLAS thread makes them ten times slower."""
+    return _threads().limit(limits=1, user_api="blas")
+
+
 def _fit(problem: FitProblem, began: float) -> ArticulationPosterior:
-    # Matrices of a hundred rows: more than one BLAS thread makes this ten times slower.
-    with _threads().limit(limits=1, user_api="blas"):
-        return _fit_on_one_thread(problem, began)
-
-
-def _fit_on_one_thread(problem: FitProblem, began: float) -> ArticulationPosterior:
     graph = GraphProblem(
         problem.observations,
         problem.centroid_world,
         problem.lever_m,
         problem.start,
         problem.config,
+        None if problem.motions is None else problem.motions.x_world,
     )
-    fits, warnings = _fit_kinds(problem.guesses, graph, problem.name)
+    fits, warnings = _fit_kinds(problem, graph)
     likeliest = max(fits, key=lambda fit: fit.log_likelihood)
     tau, visible = correlation_frames(likeliest, problem.observations)
     together = correlated_points(likeliest, problem.observations)
     as_one, systematic = tau * together, systematic_points(likeliest, problem)
     if visible < 1.0:
         observations = replace(problem.observations, visible_share=visible)
-        solved = [
-            JointGuess(f.kind, f.T_world_joint, f.q) for f in fits if f.T_world_joint is not None
-        ]
         graph = replace(graph, observations=observations)
-        fits, warnings = _fit_kinds(solved, graph, problem.name)
+        fits = [_refitted(fit, graph) for fit in fits]
     fits = [_pointing_forward(temper(fit, as_one, systematic)) for fit in fits]
     probability = kind_probabilities(fits, problem.config.prior)
     best = max(fits, key=lambda fit: probability[fit.kind])
@@ -151,39 +152,56 @@ def _fit_on_one_thread(problem: FitProblem, began: float) -> ArticulationPosteri
     )
 
 
-def _fit_kinds(
-    guesses: list[JointGuess], graph: GraphProblem, name: str
-) -> tuple[list[KindFit], list[str]]:
-    """Every kind that can be fitted, and why the others cannot.
+def _fit_kinds(problem: FitProblem, graph: GraphProblem) -> tuple[list[KindFit], list[str]]:
+    """Every kind that can be fitted, and why the others cannot."""
+    if problem.motions is not None:
+        moving, reasons = _fit_part(starts_of_part(problem, problem.motions), graph)
+    else:
+        moving, reasons = _fit_path(problem.guesses, graph)
+    if not moving:
+        raise AxisUnobservable(f"{problem.name}: " + "; ".join(reasons))
+    return [fit_rigid(graph), *moving], reasons
 
-    All kinds are solved roughly first; only those that are still in the race are polished.
-    """
-    fits, reasons = [fit_rigid(graph)], []
-    for kind in ("prismatic", "revolute"):
+
+def _fit_part(starts: list[Start], graph: GraphProblem) -> tuple[list[KindFit], list[str]]:
+    """Graphs of kinds that start at their best joint; those out of the race stay there."""
+    fits, reasons = [], []
+    for start in starts:
+        in_race = start.nats_behind < graph.config.polish_within and start.worth_it
         try:
-            fits.append(_best_start([g for g in guesses if g.kind == kind], graph))
+            fits.append(fit_kind(start.guess, graph, effort="full" if in_race else "none"))
         except AxisUnobservable as error:
             reasons.append(str(error))
-    if len(fits) == 1:
-        raise AxisUnobservable(f"{name}: " + "; ".join(reasons))
+    return fits, reasons
+
+
+def _fit_path(guesses: list[JointGuess], graph: GraphProblem) -> tuple[list[KindFit], list[str]]:
+    """The path of one point has several bends to choose from: solved roughly, the best polished."""
+    fits, reasons = [], []
+    for kind in ("prismatic", "revolute"):
+        starts = sorted(
+            (guess for guess in guesses if guess.kind == kind),
+            key=lambda guess: start_rank(guess, graph),
+        )
+        if not starts:
+            reasons.append(f"{kind} joint: too few frames for a start")
+            continue
+        try:
+            rough = [fit_kind(guess, graph, effort="rough") for guess in starts[:2]]
+            fits.append(max(rough, key=lambda fit: fit.log_evidence))
+        except AxisUnobservable as error:
+            reasons.append(str(error))
+    if not fits:
+        return [], reasons
     lead = max(fit.log_evidence for fit in fits) - graph.config.polish_within
-    return [_polished(fit, graph) if fit.log_evidence > lead else fit for fit in fits], reasons
+    return [_refitted(fit, graph) if fit.log_evidence > lead else fit for fit in fits], reasons
 
 
-def _best_start(starts: list[JointGuess], graph: GraphProblem) -> KindFit:
-    if not starts:
-        raise AxisUnobservable("too few frames for a start")
-    starts = sorted(starts, key=lambda guess: start_rank(guess, graph))
-    # The path of one point has several bends to choose from; a whole part has one screw.
-    tried = 2 if graph.observations.tracks.observed.shape[1] < MIN_POINTS else 1
-    fits = (fit_kind(guess, graph, rough=True) for guess in starts[:tried])
-    return max(fits, key=lambda fit: fit.log_evidence)
-
-
-def _polished(fit: KindFit, graph: GraphProblem) -> KindFit:
+def _refitted(fit: KindFit, graph: GraphProblem) -> KindFit:
+    """The kind solved again, from where it was."""
     if fit.T_world_joint is None:
-        return fit
-    return fit_kind(JointGuess(fit.kind, fit.T_world_joint, fit.q), graph, fit)
+        return fit_rigid(graph)
+    return fit_kind(JointGuess(fit.kind, fit.T_world_joint, fit.q, fit.pitch), graph, fit)
 
 
 def _pointing_forward(fit: KindFit) -> KindFit:
@@ -210,16 +228,18 @@ def _pointing_forward(fit: KindFit) -> KindFit:
 
 def _kind_posterior(fit: KindFit, problem: FitProblem) -> KindPosterior:
     if fit.T_world_joint is None:
-        return KindPosterior(None, None, fit.log_evidence)
+        return KindPosterior(None, None, fit.evidence)
     mean, sd = states_of_all_frames(fit, problem.points, problem.keyframes, problem.config)
     joint = JointPosterior(
         kind=cast(JointKind, fit.kind),
         T_world_joint=fit.T_world_joint,
         cov=fit.joint_cov,
         gauge=GAUGE_NAMES[fit.kind],
+        pitch_m_per_rad=fit.pitch if fit.kind == "helical" else None,
+        pitch_sd_m_per_rad=fit.pitch_sd if fit.kind == "helical" else None,
     )
-    states = StatePosterior("rad" if fit.kind == "revolute" else "m", mean, sd)
-    return KindPosterior(joint, states, fit.log_evidence)
+    states = StatePosterior("m" if fit.kind == "prismatic" else "rad", mean, sd)
+    return KindPosterior(joint, states, fit.evidence)
 
 
 def _report(

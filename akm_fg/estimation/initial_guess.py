@@ -11,11 +11,10 @@ from akm_fg.estimation.rigid_motion import RigidMotion
 from akm_fg.records import BoolArray, FloatArray
 
 # A hinge farther away than this is a drawer for every purpose of a start; metres.
-_MAX_RADIUS_M = 100.0
+MAX_RADIUS_M = 100.0
 _MIN_RADIUS_M = 0.01
-# Of one point's path nothing but the bend tells the hinge; of a whole part its turn does too.
-_FAR_HINGES_OF_PATH_M = (1.0, 2.0, 4.0, 8.0, 16.0, 32.0, 64.0)
-_FAR_HINGES_OF_PART_M = (2.0, 8.0, 32.0)
+# Of one point's path nothing but the bend tells the hinge.
+_FAR_HINGES_M = (1.0, 2.0, 4.0, 8.0, 16.0, 32.0, 64.0)
 
 
 @dataclass(frozen=True, slots=True)
@@ -25,6 +24,7 @@ class JointGuess:
     kind: str
     T_world_joint: FloatArray  # (4, 4)
     q: FloatArray  # (T,), zero in frame 0
+    pitch: float = 0.0  # of a helical joint, metres per radian
 
 
 def joint_frame(axis_world: FloatArray, origin_world: FloatArray) -> FloatArray:
@@ -42,7 +42,7 @@ def guesses_from_motion(motion: RigidMotion) -> list[JointGuess]:
     """Starts of both kinds from free rigid motions (three or more tracks)."""
     centroid = motion.shape_world[motion.inlier].mean(axis=0)
     path = motion.R_world @ centroid + motion.t_world
-    guesses = guesses_from_path(path, motion.known, _FAR_HINGES_OF_PART_M)
+    guesses = [_straight(path, motion.known)[0]]
     turns = np.array([gtsam.Rot3.Logmap(gtsam.Rot3(R)) for R in motion.R_world])
     turns[~motion.known] = 0.0
     # Relative to the first known frame: a reference frame in mid-travel would see both signs.
@@ -57,27 +57,33 @@ def guesses_from_motion(motion: RigidMotion) -> list[JointGuess]:
     return guesses
 
 
-def guesses_from_path(
-    path: FloatArray, known: BoolArray, far_hinges_m: tuple[float, ...] = _FAR_HINGES_OF_PATH_M
-) -> list[JointGuess]:
+def guesses_from_path(path: FloatArray, known: BoolArray) -> list[JointGuess]:
     """Starts of both kinds from the path (T, 3) of one point."""
     points = path[known]
     centre = points.mean(axis=0)
-    _, _, directions = np.linalg.svd(points - centre, full_matrices=False)
-    along = (path - centre) @ directions[0]
-    guesses = [_guess("prismatic", directions[0], path[known][0], along, known)]
+    drawer, directions = _straight(path, known)
+    guesses = [drawer]
     if points.shape[0] < 3:
         return guesses
     normal = directions[2]
     pivots = [_circle_about(normal, points)]
     # A nearly straight path: far hinges to either side of it, in the plane of its bend.
     side = np.cross(normal, directions[0])
-    pivots += [centre + sign * r * side for r in far_hinges_m for sign in (1.0, -1.0)]
+    pivots += [centre + sign * r * side for r in _FAR_HINGES_M for sign in (1.0, -1.0)]
     return guesses + [
         _guess("revolute", normal, pivot, _angles(path, normal, pivot), known)
         for pivot in pivots
         if pivot is not None
     ]
+
+
+def _straight(path: FloatArray, known: BoolArray) -> tuple[JointGuess, FloatArray]:
+    """The drawer along a path, and the path's principal directions (3, 3), the longest first."""
+    points = path[known]
+    centre = points.mean(axis=0)
+    _, _, directions = np.linalg.svd(points - centre, full_matrices=False)
+    along = (path - centre) @ directions[0]
+    return _guess("prismatic", directions[0], points[0], along, known), directions
 
 
 def _angles(path: FloatArray, axis: FloatArray, pivot: FloatArray) -> FloatArray:
@@ -111,8 +117,8 @@ def _pivot_of_motion(motion: RigidMotion, axis: FloatArray, centroid: FloatArray
 
 def _bounded(offset: FloatArray) -> FloatArray:
     length = float(np.linalg.norm(offset))
-    if length > _MAX_RADIUS_M:
-        return offset * (_MAX_RADIUS_M / length)
+    if length > MAX_RADIUS_M:
+        return offset * (MAX_RADIUS_M / length)
     return offset
 
 

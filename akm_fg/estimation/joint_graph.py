@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import cache
+from typing import Literal
 
 import gtsam
 import numpy as np
@@ -28,10 +30,17 @@ from akm_fg.estimation.observations import (
     updated_scales,
 )
 from akm_fg.records import FloatArray
+from factors.dense_registration import (
+    DenseCost,
+    dense_cost,
+    dense_normal_equations,
+    dense_registration_factor,
+)
 from factors.gauge import gauge_factor
 from factors.hinge_distance import hinge_distance_factor
-from factors.joint_motion import unit_twist
+from factors.joint_motion import part_motion, unit_twist
 from factors.orientation_track import orientation_track_factor
+from factors.pitch_prior import pitch_prior_factor
 from factors.point_track import (
     TrackCost,
     point_key,
@@ -42,9 +51,11 @@ from factors.point_track import (
 )
 from factors.student_t import covariance_factor, twice_negative_log_kernel
 
+Effort = Literal["full", "rough", "none"]
 _RANKING_TRACKS = 40  # are enough to tell a good start from a bad one
 JOINT = gtsam.symbol("j", 0)
 REFERENCE = gtsam.symbol("r", 0)
+PITCH = gtsam.symbol("h", 0)
 
 
 def state_key(frame: int) -> int:
@@ -61,18 +72,18 @@ class GraphProblem:
     lever_m: float  # root mean square size of the moving points about it
     start: Scales
     config: FitConfig
+    x_world: FloatArray | None = None  # (3, N) where the latent points start, state zero
 
 
 @dataclass(frozen=True, slots=True)
 class _Solution:
     """Values of one kind's variables and what they cost."""
 
-    kind: str
-    T_world_joint: FloatArray  # (4, 4)
-    q: FloatArray  # (T,)
+    guess: JointGuess
     R_ref: FloatArray | None  # (3, 3)
     cost: TrackCost
     errors: FloatArray | None  # (T, 3) of the orientations
+    dense: DenseCost | None
 
 
 def guess_cost(guess: JointGuess, observations: Observations) -> float:
@@ -100,7 +111,10 @@ def start_rank(guess: JointGuess, problem: GraphProblem) -> float:
 
 
 def fit_kind(
-    guess: JointGuess, problem: GraphProblem, previous: KindFit | None = None, rough: bool = False
+    guess: JointGuess,
+    problem: GraphProblem,
+    previous: KindFit | None = None,
+    effort: Effort = "full",
 ) -> KindFit:
     """Solve one moving kind from one start, and find its noise scale.
 
@@ -108,7 +122,8 @@ def fit_kind(
         guess: kind and start.
         problem: what to fit.
         previous: an earlier fit of this kind near the guess, for its scales and latent points.
-        rough: stop early; good enough to compare starts, and kinds that are far apart.
+        effort: `rough` stops early, good enough to compare starts; `none` stays at the guess
+            and finds its noise scale alone, for kinds that are out of the race.
 
     Raises:
         AxisUnobservable: the data leave a direction open.
@@ -117,16 +132,20 @@ def fit_kind(
     values = _initial_values(guess, observations)
     scales = _start_scales(guess, values, problem) if previous is None else previous.scales
     x = None if previous is None else previous.x_joint
-    directions = len(observable_directions(guess.kind))
+    if x is None and problem.x_world is not None:
+        T = guess.T_world_joint
+        x = T[:3, :3].T @ (problem.x_world - T[:3, 3:])
+    directions = len(observable_directions(guess.kind)) + (guess.kind == "helical")
     fitted = directions + observations.frames - 1 + (3 if values.exists(REFERENCE) else 0)
-    tolerance = config.rough_scale_tolerance if rough else config.scale_tolerance
-    for _ in range(config.scale_iterations):
+    tolerance = config.scale_tolerance if effort == "full" else config.rough_scale_tolerance
+    for _ in range(config.scale_iterations if effort != "none" else config.still_scale_iterations):
         last: dict[bytes, TrackCost] = {}
         graph = _graph(guess.kind, problem, scales, x, last)
-        values = _solved(graph, values, guess.kind, problem, rough)
+        if effort != "none":
+            values = _solved(graph, values, guess.kind, problem, effort == "rough")
         solution = _evaluated(guess.kind, values, problem, scales, x, last)
         new = updated_scales(
-            solution.cost.d2, solution.errors, fitted, scales, observations, config
+            solution.cost.d2, solution.errors, fitted, scales, observations, config, solution.dense
         )
         x = solution.cost.x_joint
         if scales.change(new) < tolerance:
@@ -138,11 +157,32 @@ def fit_kind(
     return _posterior(solution, graph.linearize(values), problem, scales, fitted)
 
 
-def _initial_values(guess: JointGuess, observations: Observations) -> gtsam.Values:
+def patches_cost(guess: JointGuess, problem: GraphProblem, scales: Scales) -> DenseCost | None:
+    """The dense patches' cost at a joint; None without any."""
+    dense = problem.observations.dense
+    if dense is None:
+        return None
+    R, t = part_motion(guess.kind, guess.T_world_joint, guess.q[dense.frames], guess.pitch)
+    return dense_cost(R, t, dense.patches, problem.config.dof, scales.dense)
+
+
+@cache
+def _still(frames: int) -> gtsam.Values:
+    """States of zero: inserting a number into Values costs fifty times what moving it does."""
     values = gtsam.Values()
-    values.insert(JOINT, gtsam.Pose3(guess.T_world_joint))
+    for t in range(1, frames):
+        values.insert(state_key(t), 0.0)
+    return values
+
+
+def _initial_values(guess: JointGuess, observations: Observations) -> gtsam.Values:
+    states = gtsam.VectorValues()
     for t in range(1, guess.q.size):
-        values.insert(state_key(t), float(guess.q[t]))
+        states.insert(state_key(t), guess.q[t : t + 1])
+    values = _still(guess.q.size).retract(states)
+    values.insert(JOINT, gtsam.Pose3(guess.T_world_joint))
+    if guess.kind == "helical":
+        values.insert(PITCH, guess.pitch)
     if observations.R_world_part is not None:
         values.insert(REFERENCE, gtsam.Rot3(observations.R_world_part[0]))
     return values
@@ -158,7 +198,9 @@ def _start_scales(guess: JointGuess, values: gtsam.Values, problem: GraphProblem
         errors = orientation_errors(guess.kind, guess.T_world_joint, guess.q, R_ref, observations)
         assert errors is not None
         orientation = math.sqrt(float(np.median((errors**2).sum(axis=1))) / CHI2_MEDIAN)
-    return Scales(max(track, start.track), max(orientation, start.orientation_rad))
+    # A start near the noise already known begins there: its own median is the worse estimate.
+    track = start.track if track < 1.2 * start.track else track
+    return Scales(track, max(orientation, start.orientation_rad), start.dense)
 
 
 def _graph(
@@ -171,12 +213,35 @@ def _graph(
     """Observations and priors, without the gauge; `last` keeps the tracks' last evaluation."""
     observations, config = problem.observations, problem.config
     keys = [None, *(state_key(t) for t in range(1, observations.frames))]
+    pitch_key = PITCH if kind == "helical" else None
     graph = gtsam.NonlinearFactorGraph()
     graph.push_back(
         point_track_factor(
-            kind, JOINT, keys, observations.tracks, config.dof, scales.track, x_start, last
+            kind,
+            JOINT,
+            keys,
+            observations.tracks,
+            config.dof,
+            scales.track,
+            x_start,
+            last,
+            pitch_key,
         )
     )
+    dense = observations.dense
+    if dense is not None:
+        graph.push_back(
+            dense_registration_factor(
+                kind,
+                JOINT,
+                [keys[t] for t in dense.frames],
+                dense.patches,
+                config.dof,
+                scales.dense,
+                dense.count_as_one,
+                pitch_key,
+            )
+        )
     R = observations.R_world_part
     if R is not None:
         graph.push_back(
@@ -184,9 +249,11 @@ def _graph(
                 kind, JOINT, REFERENCE, keys, R, scales.orientation_rad, config.dof
             )
         )
-    if kind == "revolute":
+    if kind != "prismatic":
         median_m, sigma_log = config.prior.hinge_distance_m, config.prior.hinge_distance_sigma_log
         graph.push_back(hinge_distance_factor(JOINT, problem.centroid_world, median_m, sigma_log))
+    if pitch_key is not None:
+        graph.push_back(pitch_prior_factor(pitch_key, config.prior.pitch_sigma_m_per_rad))
     return graph
 
 
@@ -222,13 +289,15 @@ def _evaluated(
     observations = problem.observations
     states = (values.atDouble(state_key(t)) for t in range(1, observations.frames))
     q = np.array([0.0, *states])
-    T_world_joint = values.atPose3(JOINT).matrix()
+    T = values.atPose3(JOINT).matrix()
+    pitch = values.atDouble(PITCH) if kind == "helical" else 0.0
+    guess = JointGuess(kind, T, q, pitch)
     R_ref = values.atRot3(REFERENCE).matrix() if values.exists(REFERENCE) else None
-    cost = last.get(point_key(T_world_joint, q)) or track_cost(
-        kind, T_world_joint, q, observations.tracks, problem.config.dof, scales.track, x_start
+    cost = last.get(point_key(T, q, pitch)) or track_cost(
+        kind, T, q, observations.tracks, problem.config.dof, scales.track, x_start, pitch
     )
-    errors = orientation_errors(kind, T_world_joint, q, R_ref, observations)
-    return _Solution(kind, T_world_joint, q, R_ref, cost, errors)
+    errors = orientation_errors(kind, T, q, R_ref, observations)
+    return _Solution(guess, R_ref, cost, errors, patches_cost(guess, problem, scales))
 
 
 def _posterior(
@@ -239,33 +308,33 @@ def _posterior(
     fitted: int,
 ) -> KindFit:
     """Laplace approximation at the solution; `linear` is the graph without the gauge there."""
-    kind, cost, q = solution.kind, solution.cost, solution.q
+    guess, cost = solution.guess, solution.cost
+    kind, T, q, prior = guess.kind, guess.T_world_joint, guess.q, problem.config.prior
     observations, config = problem.observations, problem.config
     directions = observable_directions(kind)
-    information = _information(linear, q.size, solution.R_ref is not None, directions)
+    information = _information(linear, q.size, solution.R_ref is not None, directions, kind)
     cov, log_det = inverted(kind, information)
-    likelihood = log_likelihood(cost.d2, solution.errors, scales, observations, config)
-    held = state_information(kind, cost)[1:]
-    if solution.errors is not None:
-        turn = float(np.sum(unit_twist(kind)[:3] ** 2))
-        held = held + turn * orientation_information(solution.errors, scales, config)[1:]
+    likelihood = log_likelihood(
+        cost.d2, solution.errors, scales, observations, config, solution.dense
+    )
+    held, dense_information = _held_information(solution, problem, scales, information.shape[0])
     per_state = log_state_prior(
-        kind, solution.T_world_joint, problem.centroid_world, problem.lever_m, config.prior
+        kind, T, problem.centroid_world, problem.lever_m, prior, guess.pitch
     )
     freedom = observations.freedom(fitted)
     d2 = cost.d2[observations.tracks.observed] / freedom
     factor = covariance_factor(d2, config.dof, 3)
     return KindFit(
         kind=kind,
-        T_world_joint=solution.T_world_joint,
+        T_world_joint=T,
         q=q,
         cov=cov * factor,
+        information=information,
+        dense_information=dense_information,
         joint_directions=directions,
         scales=scales,
         log_likelihood=likelihood,
-        log_prior=log_joint_prior(
-            kind, solution.T_world_joint, problem.centroid_world, config.prior
-        ),
+        log_prior=log_joint_prior(kind, T, problem.centroid_world, prior, guess.pitch),
         log_frames=likelihood
         + float(np.sum(per_state + 0.5 * math.log(2 * math.pi) - 0.5 * np.log(held))),
         log_det=log_det + cost.log_det_latent - float(np.log(held).sum()),
@@ -275,16 +344,63 @@ def _posterior(
         residual_joint=(cost.z_joint - cost.x_joint).swapaxes(1, 2),
         x_joint=cost.x_joint,
         has_reference=solution.errors is not None,
+        pitch=guess.pitch,
+        dense_cost=solution.dense,
         freedom=freedom,
     )
 
 
+def _held_information(
+    solution: _Solution, problem: GraphProblem, scales: Scales, size: int
+) -> tuple[FloatArray, FloatArray]:
+    """Information (T - 1,) on each state with all else held, and the patches' share of the graph's.
+
+    The latter over the same variables as the graph's, (size, size).
+    """
+    guess, observations = solution.guess, problem.observations
+    held = state_information(guess.kind, solution.cost, guess.pitch)[1:]
+    if solution.errors is not None:
+        turn = float(np.sum(unit_twist(guess.kind)[:3] ** 2))
+        held = held + turn * orientation_information(solution.errors, scales, problem.config)[1:]
+    contribution = np.zeros((size, size))
+    dense = observations.dense
+    if dense is not None and solution.dense is not None:
+        H, _ = dense_normal_equations(
+            guess.kind,
+            guess.T_world_joint,
+            guess.q[dense.frames],
+            solution.dense,
+            dense.patches,
+            guess.pitch,
+        )
+        H = H / dense.count_as_one
+        directions = observable_directions(guess.kind)
+        k = dense.frames.size
+        first = size - (guess.q.size - 1)
+        moving = dense.frames > 0
+        rows = [*directions, *(6 + np.flatnonzero(moving))]
+        columns = [*range(len(directions)), *(first + dense.frames[moving] - 1)]
+        if guess.kind == "helical":
+            rows.append(6 + k)
+            columns.append(len(directions))
+        contribution[np.ix_(columns, columns)] = H[np.ix_(rows, rows)]
+        held = held.copy()
+        held[dense.frames[moving] - 1] += H[6 + np.flatnonzero(moving), 6 + np.flatnonzero(moving)]
+    return held, contribution
+
+
 def _information(
-    linear: gtsam.GaussianFactorGraph, frames: int, has_reference: bool, directions: tuple[int, ...]
+    linear: gtsam.GaussianFactorGraph,
+    frames: int,
+    has_reference: bool,
+    directions: tuple[int, ...],
+    kind: str,
 ) -> FloatArray:
-    """Dense information over (observable joint directions, reference, states)."""
+    """Dense information over (observable joint directions, pitch, reference, states)."""
     ordering = gtsam.Ordering()
     ordering.push_back(JOINT)
+    if kind == "helical":
+        ordering.push_back(PITCH)
     if has_reference:
         ordering.push_back(REFERENCE)
     for t in range(1, frames):

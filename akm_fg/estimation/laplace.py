@@ -10,8 +10,11 @@ import numpy as np
 from akm_fg.errors import AxisUnobservable
 from akm_fg.estimation.config import PriorConfig
 from akm_fg.estimation.observations import Scales
+from akm_fg.estimation.posterior import Evidence
 from akm_fg.records import FloatArray
+from factors.dense_registration import DenseCost
 from factors.gauge import GAUGE_NAMES
+from factors.pitch_prior import pitch_log_density
 
 TANGENT = ("wx", "wy", "wz", "vx", "vy", "vz")
 
@@ -23,7 +26,9 @@ class KindFit:
     kind: str
     T_world_joint: FloatArray | None  # (4, 4); None for rigid
     q: FloatArray  # (T,)
-    cov: FloatArray  # (d, d) over joint without gauge directions, then (reference,) then states
+    cov: FloatArray  # (d, d) over joint without gauge directions, (pitch, reference,) states
+    information: FloatArray  # (d, d) the graph's, over the same
+    dense_information: FloatArray  # (d, d) what the dense patches contribute to it
     joint_directions: tuple[int, ...]  # tangent indices of T_world_joint that are not gauge
     scales: Scales
     log_likelihood: float  # normalised Student-t, at the best latent points and orientation
@@ -36,10 +41,17 @@ class KindFit:
     residual_joint: FloatArray  # (T, N, 3) metres, in the joint's axes
     x_joint: FloatArray  # (3, N) latent reference points, joint frame
     has_reference: bool  # whether orientations were seen
+    pitch: float  # of a helical joint, metres per radian
+    dense_cost: DenseCost | None
     freedom: float  # share of the observations' numbers left after the fit
 
     @property
     def log_evidence(self) -> float:
+        """See `evidence`."""
+        return self.evidence.total
+
+    @property
+    def evidence(self) -> Evidence:
         """Laplace evidence, one in tau observations counted.
 
         The marginal likelihood of joint, reference and latent points (states integrated out
@@ -47,11 +59,12 @@ class KindFit:
         """
         reference = 3 if self.has_reference else 0
         fitted = len(self.joint_directions) + reference + 3 * self.x_joint.shape[1]
-        return (
-            self.log_frames / self.tau
-            + self.log_prior
-            + 0.5 * fitted * math.log(2 * math.pi * self.tau)
-            - 0.5 * self.log_det
+        fitted += self.kind == "helical"
+        return Evidence(
+            log_likelihood=self.log_likelihood / self.tau,
+            log_states=(self.log_frames - self.log_likelihood) / self.tau,
+            log_joint_prior=self.log_prior,
+            log_joint_volume=0.5 * fitted * math.log(2 * math.pi * self.tau) - 0.5 * self.log_det,
         )
 
     @property
@@ -66,6 +79,12 @@ class KindFit:
         k = len(self.joint_directions)
         cov[np.ix_(self.joint_directions, self.joint_directions)] = self.cov[:k, :k]
         return cov
+
+    @property
+    def pitch_sd(self) -> float:
+        """Standard deviation of a helical joint's pitch, metres per radian."""
+        k = len(self.joint_directions)
+        return math.sqrt(float(self.cov[k, k]))
 
     @property
     def state_sd(self) -> FloatArray:
@@ -85,6 +104,7 @@ def log_state_prior(
     centroid_world: FloatArray,
     lever_m: float,
     prior: PriorConfig,
+    pitch: float = 0.0,
 ) -> float:
     """Log prior density of one state, per unit of the state.
 
@@ -95,24 +115,30 @@ def log_state_prior(
     if kind == "prismatic":
         return per_metre
     rho2 = _hinge_distance(T_world_joint, centroid_world) ** 2
-    return per_metre + 0.5 * math.log(rho2 + lever_m**2)
+    return per_metre + 0.5 * math.log(rho2 + lever_m**2 + pitch**2)
 
 
 def log_joint_prior(
-    kind: str, T_world_joint: FloatArray, centroid_world: FloatArray, prior: PriorConfig
+    kind: str,
+    T_world_joint: FloatArray,
+    centroid_world: FloatArray,
+    prior: PriorConfig,
+    pitch: float = 0.0,
 ) -> float:
-    """Log prior density over axis direction and position at a solution.
+    """Log prior density over axis direction and position (and pitch) at a solution.
 
     Axis uniform on the half sphere (its sign is a convention); hinge distance log-normal, hinge
-    bearing uniform. The flat priors of the orientation reference and of the latent points are
-    the same for every kind and left out.
+    bearing uniform; pitch normal. The flat priors of the orientation reference and of the latent
+    points are the same for every kind and left out.
     """
     total = -math.log(2 * math.pi)
-    if kind == "revolute":
+    if kind != "prismatic":
         rho = _hinge_distance(T_world_joint, centroid_world)
         z = math.log(rho / prior.hinge_distance_m) / prior.hinge_distance_sigma_log
         total += -0.5 * z**2 - math.log(prior.hinge_distance_sigma_log * math.sqrt(2 * math.pi))
         total -= math.log(2 * math.pi * rho**2)
+    if kind == "helical":
+        total += pitch_log_density(pitch, prior.pitch_sigma_m_per_rad)
     return total
 
 
@@ -131,6 +157,7 @@ def inverted(kind: str, information: FloatArray) -> tuple[FloatArray, float]:
     eigenvalues, vectors = np.linalg.eigh(information * np.outer(scale, scale))
     if not eigenvalues[0] > 1e-12:
         names = [f"{TANGENT[i]} of T_world_joint" for i in observable_directions(kind)]
+        names += ["the pitch"] if kind == "helical" else []
         worst = int(np.argmax(np.abs(vectors[:, 0])))
         name = names[worst] if worst < len(names) else "a state"
         raise AxisUnobservable(f"{kind} joint: the data leave {name} open")

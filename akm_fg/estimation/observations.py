@@ -7,9 +7,11 @@ from dataclasses import dataclass
 
 import gtsam
 import numpy as np
+from numpy.typing import NDArray
 
 from akm_fg.estimation.config import FitConfig
 from akm_fg.records import FloatArray
+from factors.dense_registration import DenseCost, PatchObservations
 from factors.orientation_track import log_so3, orientation_residual
 from factors.point_track import TrackObservations
 from factors.student_t import log_normaliser, twice_negative_log_kernel, weight
@@ -17,6 +19,21 @@ from factors.student_t import log_normaliser, twice_negative_log_kernel, weight
 CHI2_MEDIAN = 2.366  # of a chi-square variable with three degrees of freedom
 # The scale of a Student-t with six degrees of freedom fitted to normal noise, over its sigma.
 T_OVER_NORMAL = 0.92
+
+
+@dataclass(frozen=True, slots=True)
+class DenseObservations:
+    """Surface patches seen in some of the graph's frames."""
+
+    patches: PatchObservations  # K keyframes
+    frames: NDArray[np.int_]  # (K,) indices into the graph's frames
+    count_as_one: float  # neighbouring readings that err together, over those of the tracks
+    patch_uv: FloatArray  # (K, S, 2) pixels at which the patches were read; NaN where not seen
+
+    def freedom(self) -> float:
+        """Share of the readings left after the latent places."""
+        seen = self.patches.seen
+        return max(1 - float(seen.any(axis=0).sum() / max(seen.sum(), 1)), 0.05)
 
 
 @dataclass(frozen=True, slots=True)
@@ -28,6 +45,7 @@ class Observations:
     noise_known: bool  # whether the tracks' covariances are more than a nominal unit
     min_scale: float = 0.0  # systematic errors of a path, in the tracks' standard deviations
     visible_share: float = 1.0  # of the noise variance that residuals show, after slow errors
+    dense: DenseObservations | None = None
 
     @property
     def frames(self) -> int:
@@ -44,16 +62,18 @@ class Observations:
 
 @dataclass(frozen=True, slots=True)
 class Scales:
-    """Estimated noise: factor on the tracks' standard deviations, radians of the orientations."""
+    """Estimated noise: factors on the given standard deviations, radians of the orientations."""
 
     track: float
     orientation_rad: float
+    dense: float = 1.0
 
     def change(self, other: Scales) -> float:
         """Largest relative difference."""
         return max(
             abs(math.log(other.track / self.track)),
             abs(math.log(other.orientation_rad / self.orientation_rad)),
+            abs(math.log(other.dense / self.dense)),
         )
 
 
@@ -77,6 +97,7 @@ def updated_scales(
     scales: Scales,
     observations: Observations,
     config: FitConfig,
+    dense_cost: DenseCost | None = None,
 ) -> Scales:
     """One step towards the scales of largest marginal likelihood (expectation maximisation).
 
@@ -87,6 +108,7 @@ def updated_scales(
         scales: the present scales.
         observations: what was seen.
         config: tuning.
+        dense_cost: of the patches, whitened with the present scale.
     """
     freedom = observations.freedom(fitted)
     d2 = d2[observations.tracks.observed]
@@ -100,7 +122,13 @@ def updated_scales(
         e2 = (errors**2).sum(axis=1) / orientation**2
         power = float((weight(e2, config.dof, 3) * e2).sum()) / (3 * e2.size * freedom)
         orientation *= math.sqrt(power)
-    return Scales(math.sqrt(max(track2 + observations.min_scale**2, 1e-12)), max(orientation, 1e-5))
+    dense = scales.dense
+    if dense_cost is not None and observations.dense is not None:
+        d2 = dense_cost.d2[observations.dense.patches.seen]
+        power = float((weight(d2, config.dof, 1) * d2).sum())
+        dense *= math.sqrt(max(power / (d2.size * observations.dense.freedom()), 1e-4))
+    track = math.sqrt(max(track2 + observations.min_scale**2, 1e-12))
+    return Scales(track, max(orientation, 1e-5), dense)
 
 
 def log_likelihood(
@@ -109,8 +137,12 @@ def log_likelihood(
     scales: Scales,
     observations: Observations,
     config: FitConfig,
+    dense_cost: DenseCost | None = None,
 ) -> float:
-    """Normalised Student-t log likelihood at the best latent points; arguments as above."""
+    """Normalised Student-t log likelihood at the best latent points; arguments as above.
+
+    That of the patches is marginal over their latent places, and counts as it does in the graph.
+    """
     total = (
         int(observations.tracks.observed.sum())
         * (log_normaliser(config.dof, 3) - 3 * math.log(scales.track))
@@ -121,6 +153,13 @@ def log_likelihood(
         e2 = (errors**2).sum(axis=1) / scales.orientation_rad**2
         total += e2.size * (log_normaliser(config.dof, 3) - 3 * math.log(scales.orientation_rad))
         total -= 0.5 * float(twice_negative_log_kernel(e2, config.dof, 3).sum())
+    if dense_cost is not None and observations.dense is not None:
+        patches = observations.dense.patches
+        precision = patches.precision[patches.seen]
+        dense = precision.size * (log_normaliser(config.dof, 1) - math.log(scales.dense))
+        dense += 0.5 * float(np.log(precision).sum()) - 0.5 * dense_cost.twice_cost
+        dense -= 0.5 * dense_cost.log_det_latent
+        total += dense / observations.dense.count_as_one
     return total
 
 

@@ -13,7 +13,7 @@ from scipy import integrate, optimize, special
 
 from akm_fg.records import FloatArray, JointKind
 
-NamedKind = Literal["rigid", "prismatic", "revolute", "undecided"]
+NamedKind = Literal["rigid", "prismatic", "revolute", "helical", "undecided"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -29,6 +29,13 @@ class JointPosterior:
     T_world_joint: FloatArray  # (4, 4)
     cov: FloatArray  # (6, 6)
     gauge: tuple[str, ...]
+    pitch_m_per_rad: float | None = None  # of a helical joint
+    pitch_sd_m_per_rad: float | None = None
+
+    @property
+    def hinged(self) -> bool:
+        """Whether the joint turns about an axis line."""
+        return self.kind in ("revolute", "helical")
 
     @property
     def axis(self) -> FloatArray:
@@ -38,7 +45,7 @@ class JointPosterior:
     @property
     def pivot(self) -> FloatArray | None:
         """(3,) the point of the axis nearest to the moving points; None for prismatic."""
-        return self.T_world_joint[:3, 3] if self.kind == "revolute" else None
+        return self.T_world_joint[:3, 3] if self.hinged else None
 
     @property
     def axis_sd_rad(self) -> float:
@@ -48,7 +55,7 @@ class JointPosterior:
     @property
     def pivot_sd_m(self) -> float | None:
         """The same of the pivot, across the axis; None for prismatic."""
-        if self.kind != "revolute":
+        if not self.hinged:
             return None
         return float(np.sqrt(np.trace(self.cov[3:5, 3:5]) / 2))
 
@@ -58,7 +65,7 @@ class JointPosterior:
 
     def pivot_bound_m(self, level: float = 0.95) -> float | None:
         """Distance of the true axis line from the pivot, not exceeded with this probability."""
-        return radius_quantile(self.cov[3:5, 3:5], level) if self.kind == "revolute" else None
+        return radius_quantile(self.cov[3:5, 3:5], level) if self.hinged else None
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,12 +78,35 @@ class StatePosterior:
 
 
 @dataclass(frozen=True, slots=True)
+class Evidence:
+    """Why a kind is likely or not: the terms of its Laplace evidence, nats.
+
+    Repeated observations that err together count once in all of them.
+    """
+
+    log_likelihood: float  # of the observations at the best joint and states
+    log_states: float  # prior density of the states times the width the data leave them
+    log_joint_prior: float  # prior density of the joint's frame and pitch
+    log_joint_volume: float  # width that the data leave joint and latent points
+
+    @property
+    def total(self) -> float:
+        """Log evidence."""
+        return self.log_likelihood + self.log_states + self.log_joint_prior + self.log_joint_volume
+
+
+@dataclass(frozen=True, slots=True)
 class KindPosterior:
     """One kind's own fit."""
 
     joint: JointPosterior | None  # None for rigid
     states: StatePosterior | None
-    log_evidence: float
+    evidence: Evidence
+
+    @property
+    def log_evidence(self) -> float:
+        """Sum of the terms."""
+        return self.evidence.total
 
 
 @dataclass(frozen=True, slots=True)

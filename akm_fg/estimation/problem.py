@@ -10,15 +10,22 @@ from numpy.typing import NDArray
 from akm_fg.errors import TracksLost
 from akm_fg.estimation.config import FitConfig
 from akm_fg.estimation.initial_guess import JointGuess, guesses_from_motion, guesses_from_path
-from akm_fg.estimation.observations import T_OVER_NORMAL, Observations, Scales
+from akm_fg.estimation.observations import (
+    T_OVER_NORMAL,
+    Observations,
+    Scales,
+    updated_scales,
+)
 from akm_fg.estimation.path import local_noise, select_keyframes
-from akm_fg.estimation.rigid_motion import MIN_POINTS, free_rigid_motion
+from akm_fg.estimation.rigid_motion import MIN_POINTS, RigidMotion, free_rigid_motion
 from akm_fg.records import FloatArray, PointTracks
+from factors.motion_information import MotionInformation, latent_points, motion_information
 from factors.point_track import TrackObservations
 
 # Pose logs come without a noise level: observations are whitened by these and scaled by the fit.
 NOMINAL_POSITION_M = 1e-3
 _START_ORIENTATION_RAD = 0.02
+_FREE_SCALE_ITERATIONS = 3  # from a median within a tenth to the graph's own level
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,6 +44,7 @@ class FitProblem:
     travel_m: float
     tracks_rejected: int
     config: FitConfig
+    motions: MotionInformation | None  # free motions over the keyframes; None for a path
     systematic_m: float = 0.0  # errors of the sensor that no averaging removes
 
 
@@ -60,7 +68,7 @@ def problem_of_tracks(
     known = np.flatnonzero(motion.known)
     first = moved[known[0]]
     keyframes = select_keyframes(moved[known].mean(axis=2), known, config.max_frames)
-    return _problem(
+    problem = _problem(
         name=name,
         points=tracks.select(motion.inlier),
         R_world_part=None,
@@ -78,6 +86,22 @@ def problem_of_tracks(
         tracks_rejected=int((~motion.inlier).sum()),
         config=config,
     )
+    return _with_motions(problem, motion)
+
+
+def _with_motions(problem: FitProblem, motion: RigidMotion) -> FitProblem:
+    """The problem with its free motions from the first keyframe, at the noise level they show."""
+    R, t = motion.R_world[problem.keyframes], motion.t_world[problem.keyframes]
+    R_first_t = R[0].T
+    R = R @ R_first_t
+    t = t - np.einsum("tij,j->ti", R, t[0])
+    observations, config, scales = problem.observations, problem.config, problem.start
+    x = None
+    for _ in range(_FREE_SCALE_ITERATIONS):
+        x, d2 = latent_points(R, t, observations.tracks, config.dof, scales.track, x)
+        scales = updated_scales(d2, None, 6 * (R.shape[0] - 1), scales, observations, config)
+    motions = motion_information(R, t, observations.tracks, config.dof, scales.track, x)
+    return replace(problem, motions=motions, start=scales)
 
 
 def problem_of_path(
@@ -156,4 +180,5 @@ def _problem(
         travel_m=travel_m,
         tracks_rejected=tracks_rejected,
         config=config,
+        motions=None,
     )

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from akm_fg.estimation.initial_guess import JointGuess
-from akm_fg.estimation.joint_graph import GraphProblem, guess_cost
+from akm_fg.estimation.joint_graph import GraphProblem, guess_cost, patches_cost
 from akm_fg.estimation.laplace import KindFit
 from akm_fg.estimation.observations import (
     CHI2_MEDIAN,
@@ -34,12 +34,14 @@ def fit_rigid(problem: GraphProblem) -> KindFit:
     scales, x = replace(problem.start, track=max(track, problem.start.track)), None
     for _ in range(config.scale_iterations):
         cost = track_cost("prismatic", still, q, observations.tracks, config.dof, scales.track, x)
-        new = updated_scales(cost.d2, errors, 0, scales, observations, config)
+        dense = patches_cost(JointGuess("prismatic", still, q), problem, scales)
+        new = updated_scales(cost.d2, errors, 0, scales, observations, config, dense)
         change, scales, x = scales.change(new), new, cost.x_joint
-        if change < config.scale_tolerance:
+        if change < config.rough_scale_tolerance:  # far off or not: a nat does not matter here
             break
     cost = track_cost("prismatic", still, q, observations.tracks, config.dof, scales.track, x)
-    likelihood = log_likelihood(cost.d2, errors, scales, observations, config)
+    dense = patches_cost(still_guess, problem, scales)
+    likelihood = log_likelihood(cost.d2, errors, scales, observations, config, dense)
     log_det = cost.log_det_latent
     if errors is not None:
         log_det += 3 * math.log(orientation_information(errors, scales, config).sum())
@@ -48,6 +50,8 @@ def fit_rigid(problem: GraphProblem) -> KindFit:
         T_world_joint=None,
         q=q,
         cov=np.zeros((q.size - 1, q.size - 1)),
+        information=np.zeros((q.size - 1, q.size - 1)),
+        dense_information=np.zeros((q.size - 1, q.size - 1)),
         joint_directions=(),
         scales=scales,
         log_likelihood=likelihood,
@@ -60,5 +64,7 @@ def fit_rigid(problem: GraphProblem) -> KindFit:
         residual_joint=(cost.z_joint - cost.x_joint).swapaxes(1, 2),
         x_joint=cost.x_joint,
         has_reference=errors is not None,
+        pitch=0.0,
+        dense_cost=dense,
         freedom=observations.freedom(0),
     )

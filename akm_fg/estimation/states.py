@@ -38,7 +38,14 @@ def states_of_all_frames(
     q = np.interp(others, keyframes, fit.q)
     for _ in range(_ITERATIONS):
         step, information = state_step(
-            fit.kind, fit.T_world_joint, q, fit.x_joint, tracks, config.dof, fit.scales.track
+            fit.kind,
+            fit.T_world_joint,
+            q,
+            fit.x_joint,
+            tracks,
+            config.dof,
+            fit.scales.track,
+            fit.pitch,
         )
         q = q + step
     model = _model_variance(fit, points, keyframes, config)
@@ -58,6 +65,13 @@ def _model_variance(
     assert fit.T_world_joint is not None
     tracks = TrackObservations.from_points(points.p_world[keyframes], points.cov_world[keyframes])
     _, information = state_step(
-        fit.kind, fit.T_world_joint, fit.q, fit.x_joint, tracks, config.dof, fit.scales.track
+        fit.kind,
+        fit.T_world_joint,
+        fit.q,
+        fit.x_joint,
+        tracks,
+        config.dof,
+        fit.scales.track,
+        fit.pitch,
     )
     return np.maximum(fit.state_sd[1:] ** 2 - fit.cov_factor / information[1:], 0.0)

@@ -4,11 +4,17 @@ from __future__ import annotations
 
 import json
 import math
+from dataclasses import asdict
 from typing import Any
 
 import numpy as np
 
-from akm_fg.estimation.posterior import ArticulationPosterior, JointPosterior, KindPosterior
+from akm_fg.estimation.posterior import (
+    ArticulationPosterior,
+    Evidence,
+    JointPosterior,
+    KindPosterior,
+)
 from akm_fg.records import FloatArray
 
 SCHEMA = "akm-fg/posterior/1"
@@ -35,6 +41,10 @@ def posterior_as_dict(posterior: ArticulationPosterior) -> dict[str, Any]:
             "unit": best.states.unit,
             "mean": _numbers(best.states.mean),
             "sd": _numbers(best.states.sd),
+        },
+        "evidence": {
+            kind: _evidence(alternative.evidence)
+            for kind, alternative in posterior.alternatives.items()
         },
         "alternatives": {
             kind: _alternative(alternative)
@@ -65,6 +75,10 @@ def _alternative(alternative: KindPosterior) -> dict[str, Any]:
     return {"joint": _joint(alternative.joint), "log_evidence": alternative.log_evidence}
 
 
+def _evidence(evidence: Evidence) -> dict[str, float]:
+    return {**asdict(evidence), "log_evidence": evidence.total}
+
+
 def _joint(joint: JointPosterior | None) -> dict[str, Any] | None:
     if joint is None:
         return None
@@ -77,7 +91,8 @@ def _joint(joint: JointPosterior | None) -> dict[str, Any] | None:
         "pivot": None if joint.pivot is None else joint.pivot.tolist(),
         "axis_sd_deg": math.degrees(joint.axis_sd_rad),
         "pivot_sd_m": joint.pivot_sd_m,
-        "pitch_m_per_rad": None,
+        "pitch_m_per_rad": joint.pitch_m_per_rad,
+        "pitch_sd_m_per_rad": joint.pitch_sd_m_per_rad,
     }
 
 

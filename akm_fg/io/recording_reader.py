@@ -27,7 +27,7 @@ from akm_fg.records import (
 )
 
 SCHEMA = "akm-fg/recording/1"
-KINDS = ("rigid", "prismatic", "revolute")
+KINDS = ("rigid", "prismatic", "revolute", "helical")
 UNIT_TOLERANCE = 1e-3  # of an axis' length: more is not rounding
 
 
@@ -176,7 +176,7 @@ def read_truth(folder: Path) -> JointTruth | None:
     pivot = None
     if truth.has("pivot"):
         pivot = truth.array("pivot", (3,), "a point in the world frame, metres, or null")
-    elif kind == "revolute":
+    elif kind in ("revolute", "helical"):
         raise truth.error("pivot", "is missing", "a point of the axis in the world frame, metres")
     states = truth.array("states", (n,), f"{n} joint states, one for each of `stamps_s`")
     return JointTruth(cast(JointKind, kind), axis, pivot, states)

@@ -10,6 +10,7 @@ from akm_fg.closed_loop import Episode, EpisodeConfig, Task, probability_within,
 from akm_fg.errors import GraspFailed, NoMotionObserved
 from akm_fg.estimation.posterior import (
     ArticulationPosterior,
+    Evidence,
     FitReport,
     JointPosterior,
     KindPosterior,
@@ -75,7 +76,7 @@ def run(monkeypatch):
             n = len(recording.frames)
             mean, sd = np.full(n, world.state), np.full(n, state_sd)
             joint = JointPosterior(kind, np.eye(4), np.eye(6) * 1e-6, ())
-            best = KindPosterior(joint, StatePosterior("m", mean, sd), 0.0)
+            best = KindPosterior(joint, StatePosterior("m", mean, sd), Evidence(0.0, 0.0, 0.0, 0.0))
             report = FitReport(0.0, 1, 0, 0.0, 1.0, 1.0, 1.0, True)
             posterior = ArticulationPosterior("x", kind, {kind: 1.0}, {kind: best}, report)
             return RecordingFit(None, posterior)

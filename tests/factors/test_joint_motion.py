@@ -103,5 +103,5 @@ def test_skew_times_a_vector_is_the_cross_product():
 
 @pytest.mark.parametrize("kind", ["rigid", "Revolute", ""])
 def test_an_unknown_kind_is_refused_with_the_known_ones_named(kind):
-    with pytest.raises(ValueError, match=r"expected one of \['prismatic', 'revolute'\]"):
+    with pytest.raises(ValueError, match=r"expected one of \['helical', 'prismatic', 'revolute'\]"):
         unit_twist(kind)

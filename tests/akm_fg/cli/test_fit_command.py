@@ -195,7 +195,7 @@ def test_json_on_standard_output_is_one_strict_object_a_line(good, tmp_path, cap
         assert posterior["joint"]["gauge"] == ["wz", "vx", "vy", "vz"]
         assert len(posterior["states"]["mean"]) == len(posterior["states"]["sd"]) == 8
         assert posterior["states"]["unit"] == "m"
-        assert set(posterior["alternatives"]) == {"rigid", "revolute"}
+        assert set(posterior["alternatives"]) == {"rigid", "revolute", "helical"}
         np.testing.assert_allclose(np.abs(posterior["joint"]["axis"]), [0, 0, 1], atol=0.01)
 
 

@@ -7,6 +7,7 @@ from scipy import stats
 
 from akm_fg.estimation.posterior import (
     ArticulationPosterior,
+    Evidence,
     JointPosterior,
     KindPosterior,
     normal_bound,
@@ -57,6 +58,10 @@ def test_axis_is_the_z_axis_and_pivot_the_origin_of_the_joint_frame():
     assert_allclose(_joint().pivot, [2, 3, 4])
 
 
+def _evidence(total):
+    return Evidence(total, 0.0, 0.0, 0.0)
+
+
 def test_a_drawer_has_no_pivot():
     drawer = _joint("prismatic")
     assert drawer.pivot is None and drawer.pivot_sd_m is None and drawer.pivot_bound_m() is None
@@ -72,9 +77,9 @@ def test_deviations_and_bounds_are_those_of_the_covariance():
 
 def test_best_is_the_most_probable_kind_even_where_none_is_named():
     alternatives = {
-        "rigid": KindPosterior(None, None, -9.0),
-        "prismatic": KindPosterior(_joint("prismatic"), None, -1.0),
-        "revolute": KindPosterior(_joint(), None, -2.0),
+        "rigid": KindPosterior(None, None, _evidence(-9.0)),
+        "prismatic": KindPosterior(_joint("prismatic"), None, _evidence(-1.0)),
+        "revolute": KindPosterior(_joint(), None, _evidence(-2.0)),
     }
     posterior = ArticulationPosterior(
         name="x",

@@ -12,6 +12,7 @@ import pytest
 
 from akm_fg.estimation.posterior import (
     ArticulationPosterior,
+    Evidence,
     FitReport,
     JointPosterior,
     KindPosterior,
@@ -138,9 +139,11 @@ def make_posterior(kind: str, named: str | None = None, **fit) -> ArticulationPo
         p = {"rigid": 0.0, "prismatic": 0.3, "revolute": 0.3}
     p[kind] = 0.0
     p[kind] = 1 - sum(p.values())
-    alternatives = {"rigid": KindPosterior(None, None, -1e4)}
+    alternatives = {"rigid": KindPosterior(None, None, Evidence(-1e4, 0.0, 0.0, 0.0))}
     for k in ("prismatic", "revolute"):
-        alternatives[k] = KindPosterior(joint_posterior(k), state_posterior(k), -10.0)
+        alternatives[k] = KindPosterior(
+            joint_posterior(k), state_posterior(k), Evidence(-10.0, 0.0, 0.0, 0.0)
+        )
     report = dict.fromkeys((f.name for f in fields(FitReport)), 1.0)
     report |= {"tracks_used": 38, "tracks_rejected": 4, "rms_m": 0.0021}
     report |= {"parametric": True, "warnings": (), **fit}
