@@ -4,6 +4,7 @@
 #   make check   ruff, mypy and the tests
 #   make slow    the statistical and long tests
 #   make bench   timings
+#   make peer    the environment of the peer that experiments compare with (.venv-peer)
 #   make lock    renew requirements.lock from setup.cfg
 
 PYTHON ?= $(shell command -v python3.11 || command -v python3)
@@ -14,7 +15,7 @@ PIP := $(BIN)/python -m pip --disable-pip-version-check --quiet
 # Byte code is made at first import: compiling all of it takes longer than the tests need.
 INSTALL := $(PIP) install --no-compile
 
-.PHONY: demo test check slow bench lock clean
+.PHONY: demo test check slow bench peer lock clean
 
 demo: $(READY)
 	$(BIN)/akm-fg demo
@@ -34,12 +35,22 @@ slow: $(READY)
 bench: $(READY)
 	$(BIN)/python -m pytest -m "slow or not slow" --benchmark-only --benchmark-disable-gc
 
-$(READY): requirements.lock setup.cfg pyproject.toml
+$(READY): requirements.lock requirements-baseline.lock setup.cfg pyproject.toml
 	@echo "setting up $(VENV) (once, about two minutes)"
 	@$(PYTHON) -c 'import sys; v = sys.version_info[:2]; sys.exit(0 if v == (3, 11) else "Python 3.11 is needed (PyBullet has no wheel for others), this is %d.%d; set PYTHON=" % v)'
 	test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)
 	$(INSTALL) -r requirements.lock
 	$(INSTALL) --no-deps --no-build-isolation --editable .
+	$(INSTALL) -r requirements-baseline.lock || \
+	  $(INSTALL) --extra-index-url https://download.pytorch.org/whl/cpu -r requirements-baseline.lock || \
+	  echo "no CPU build of torch found: the tests of the paper's method will be skipped"
+	touch $@
+
+peer: .venv-peer/.ready
+
+.venv-peer/.ready: experiments/peers/requirements-ripl.txt
+	test -x .venv-peer/bin/python || $(PYTHON) -m venv .venv-peer
+	.venv-peer/bin/python -m pip --disable-pip-version-check --quiet install --no-compile -r $<
 	touch $@
 
 lock:
@@ -51,4 +62,4 @@ lock:
 	rm -rf .venv-lock
 
 clean:
-	rm -rf $(VENV) .venv-lock build *.egg-info .pytest_cache .mypy_cache .ruff_cache .benchmarks
+	rm -rf $(VENV) .venv-lock .venv-peer build *.egg-info .pytest_cache .mypy_cache .ruff_cache .benchmarks

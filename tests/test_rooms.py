@@ -18,7 +18,12 @@ MAY_IMPORT = {
 # The command line puts all rooms together; sim knows akm_fg's records, errors and interfaces only.
 COMPOSITION = "akm_fg/cli/"
 SIM_MAY_IMPORT = ("akm_fg.records", "akm_fg.errors", "akm_fg.interfaces")
-ONLY_IN = {"pybullet": "sim/", "filterpy": "akm_fg/relocalization/", "torch": "akm_fg/backends/"}
+ONLY_IN = {
+    "pybullet": ("sim/",),
+    "filterpy": ("akm_fg/relocalization/",),
+    "torch": ("akm_fg/backends/", "experiments/baselines/"),
+    "ripl_articulation": ("experiments/peers/ripl_runner.py",),
+}
 THIRD_PARTY_OF_FACTORS = {"numpy", "gtsam"}
 
 

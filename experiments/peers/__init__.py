@@ -1,0 +1,1 @@
+"""Published estimators that run as their authors released them, in environments of their own."""
