@@ -11,9 +11,9 @@ import gtsam
 import numpy as np
 from numpy.typing import NDArray
 
-from akm_fg.records import FloatArray, PinholeCamera, RgbdFrame
+from akm_fg.records import PinholeCamera, RgbdFrame
 from sim.bullet import PANDA_URDF, load_urdf, p, quiet
-from sim.noise import NOISE_LEVELS, NoiseConfig, noisy_depth, noisy_rgb
+from sim.noise import NOISE_LEVELS, DepthImage, NoiseConfig, noisy_depth, noisy_rgb
 from sim.world import SimWorld
 
 
@@ -53,8 +53,8 @@ def rendered_intrinsics(width: int, height: int, focal_px: float) -> PinholeCame
 
 def render(
     client: int, T_world_cam: gtsam.Pose3, config: CameraConfig, scale: int = 1
-) -> tuple[NDArray[np.uint8], FloatArray]:
-    """RGB (h, w, 3) and exact depth (h, w) in metres along z; NaN beyond `far_m`."""
+) -> tuple[NDArray[np.uint8], DepthImage]:
+    """RGB (h, w, 3) and depth (h, w) in metres along z, exact to 1e-5 m; NaN beyond `far_m`."""
     w, h = config.width // scale, config.height // scale
     eye, R = T_world_cam.translation(), T_world_cam.rotation().matrix()
     image = p.getCameraImage(
@@ -71,11 +71,12 @@ def render(
         flags=p.ER_NO_SEGMENTATION_MASK,
         physicsClientId=client,
     )
-    rgb = np.asarray(image[2], dtype=np.uint8).reshape(h, w, 4)[..., :3]
-    buffer = np.asarray(image[3], dtype=np.float64).reshape(h, w)
+    rgb = cv2.cvtColor(np.asarray(image[2], dtype=np.uint8).reshape(h, w, 4), cv2.COLOR_RGBA2RGB)
+    buffer = np.asarray(image[3], dtype=np.float32).reshape(h, w)
     near, far = config.near_m, config.far_m
     depth = far * near / (far - (far - near) * buffer)
-    return rgb.copy(), np.where(buffer >= 1.0 - 1e-7, np.nan, depth)
+    depth[buffer >= 1.0 - 1e-7] = np.nan
+    return np.asarray(rgb), depth
 
 
 def _projection(config: CameraConfig) -> list[float]:
@@ -87,15 +88,15 @@ def _projection(config: CameraConfig) -> list[float]:
     return [x, 0, 0, 0, 0, y, 0, 0, 0, 0, z, -1, 0, 0, w, 0]
 
 
-def _render_room(
+def _render_still(
     world: SimWorld, T_world_cam: gtsam.Pose3, config: CameraConfig
-) -> tuple[NDArray[np.uint8], FloatArray]:
-    """RGB and depth of the floor and the wall alone, which never move."""
+) -> tuple[NDArray[np.uint8], DepthImage]:
+    """RGB and depth of what never moves: room, supports and corpus."""
     with quiet():
         client = int(p.connect(p.DIRECT))
     try:
-        for urdf, T_world_box in world.room:
-            load_urdf(client, urdf, T_world_box)
+        for urdf, T_world_body in world.still:
+            load_urdf(client, urdf, T_world_body)
         return render(client, T_world_cam, config)
     finally:
         p.disconnect(physicsClientId=client)
@@ -132,7 +133,7 @@ class SimCamera:
         with quiet():
             self._robot_client = int(p.connect(p.DIRECT))
         self._robot = _load_robot_outline(self._robot_client)
-        self._room = _render_room(world, T_world_cam, self.config)
+        self._still = _render_still(world, T_world_cam, self.config)
 
     def close(self) -> None:
         """Frees the robot-only client."""
@@ -155,15 +156,19 @@ class SimCamera:
             T_world_cam=self.T_world_cam,
         )
 
-    def exact(self) -> tuple[NDArray[np.uint8], FloatArray]:
-        """RGB (H, W, 3) and depth (H, W) before noise and masking; the room is drawn only once."""
-        rgb, depth = render(self._world.client, self.T_world_cam, self.config)
-        room_rgb, room_depth = self._room
-        behind = ~(depth < np.where(np.isfinite(room_depth), room_depth, np.inf))
-        rgb[behind] = room_rgb[behind]
-        return rgb, np.where(behind, room_depth, depth)
+    def exact(self) -> tuple[NDArray[np.uint8], DepthImage]:
+        """RGB (H, W, 3) and depth (H, W) before noise and masking.
 
-    def robot_depth(self) -> FloatArray:
+        Only robot and part are drawn: what stands still was drawn once.
+        """
+        rgb, depth = render(self._world.client, self.T_world_cam, self.config)
+        still_rgb, still_depth = self._still
+        # Nothing moves behind what is not there: NaN in `still_depth` compares False.
+        behind = ~np.isfinite(depth) | (still_depth <= depth)
+        rgb[behind] = still_rgb[behind]
+        return rgb, np.where(behind, still_depth, depth)
+
+    def robot_depth(self) -> DepthImage:
         """Depth (H, W) of the robot alone at its measured joint angles, grown; NaN elsewhere."""
         world = self._world
         n = p.getNumJoints(world.robot_id, physicsClientId=world.client)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import xml.etree.ElementTree as ET
 from collections.abc import Sequence
 from pathlib import Path
@@ -44,6 +45,9 @@ def write_urdf(
 ) -> Path:
     """Writes `object.urdf` and one mesh for each link and material into `folder`.
 
+    Beside it go `corpus.urdf`, the corpus alone, and `moving.urdf`, the whole with a corpus that
+    is not seen: a camera that stands still draws the corpus once.
+
     Args:
         spec: the part and its joint.
         corpus: boxes in the object frame; a texture MATERIAL.png is expected for each material.
@@ -52,14 +56,31 @@ def write_urdf(
         axis: (3,) of the joint.
         folder: where to.
     """
-    robot = ET.Element("robot", name=spec.name)
-    for name, boxes, mass_kg in (("corpus", corpus, CORPUS_KG), ("part", part, spec.mass_kg)):
-        robot.append(_link(name, boxes, mass_kg, folder))
-    robot.append(_joint(spec, origin, axis))
-    urdf = folder / "object.urdf"
+    still = _link("corpus", corpus, CORPUS_KG, folder)
+    moving = _link("part", part, spec.mass_kg, folder)
+    joint = _joint(spec, origin, axis)
+    _write(folder / "corpus.urdf", spec.name, [still])
+    _write(folder / "moving.urdf", spec.name, [_unseen(still), moving, joint])
+    return _write(folder / "object.urdf", spec.name, [still, moving, joint])
+
+
+def _write(path: Path, name: str, elements: list[ET.Element]) -> Path:
+    robot = ET.Element("robot", name=name)
+    robot.extend(copy.deepcopy(elements))
     ET.indent(robot)  # PyBullet cannot read long lines
-    ET.ElementTree(robot).write(urdf)
-    return urdf
+    ET.ElementTree(robot).write(path)
+    return path
+
+
+def _unseen(link: ET.Element) -> ET.Element:
+    """The link with a speck for its looks; without any, PyBullet draws its collision shapes."""
+    unseen = copy.deepcopy(link)
+    for visual in unseen.findall("visual"):
+        unseen.remove(visual)
+    visual = ET.SubElement(unseen, "visual")
+    ET.SubElement(visual, "origin", xyz="0 0 0.1", rpy="0 0 0")
+    ET.SubElement(ET.SubElement(visual, "geometry"), "box", size="0.0001 0.0001 0.0001")
+    return unseen
 
 
 def _link(name: str, boxes: Sequence[Box], mass_kg: float, folder: Path) -> ET.Element:

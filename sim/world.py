@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import tempfile
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
@@ -11,13 +12,14 @@ import cv2
 import gtsam
 import numpy as np
 
-from akm_fg.records import FloatArray, JointTruth
-from sim.bullet import PANDA_URDF, joint_index, load_urdf, p, quaternion_xyzw, quiet
+from akm_fg.records import JointTruth
+from sim.bullet import joint_index, load_urdf, p, quaternion_xyzw, quiet
 from sim.kinematics import N_ARM, Q_HOME, FrankaKinematics
 from sim.meshes import Box, write_textured_boxes
 from sim.objects import PartSpec
+from sim.robot_meshes import light_panda_urdf
 from sim.staging import find_spec, stage
-from sim.textures import floor, plaster
+from sim.textures import Rgb, floor, plaster
 from sim.urdf_files import PART_JOINT
 
 
@@ -32,12 +34,16 @@ class WorldConfig:
     finger_spin_m: float = 0.005  # torsional friction, 2/3 mu r of a pad of 8 mm radius
 
 
-ROOM_CELL_M = 1.5  # side of a cell of the floor and the wall
+ROOM_CELL_M = 1.5  # side of a cell of floor and walls
 ROOM_URDF = (
     '<robot name="{name}"><link name="{name}"><inertial><mass value="0"/>'
     '<inertia ixx="0" iyy="0" izz="0" ixy="0" ixz="0" iyz="0"/></inertial>'
     '<visual><geometry><mesh filename="{name}.obj"/></geometry></visual></link></robot>'
 )
+
+
+def _above(z: float, x: float = 0.0, y: float = 0.0) -> gtsam.Pose3:
+    return gtsam.Pose3(gtsam.Rot3(), np.array([x, y, z]))
 
 
 class SimWorld:
@@ -52,7 +58,7 @@ class SimWorld:
         self.kinematics = FrankaKinematics()
         self._steps = 0
         self._entered = False
-        self.room: list[tuple[Path, gtsam.Pose3]] = []  # looks of floor and wall
+        self.still: list[tuple[Path, gtsam.Pose3]] = []  # looks of what never moves
 
     def __enter__(self) -> SimWorld:
         self._folder = tempfile.TemporaryDirectory(prefix="akm-fg-sim-")
@@ -63,10 +69,12 @@ class SimWorld:
         self._entered = True
         self._set_physics()
         self.robot_id = load_urdf(
-            self.client, PANDA_URDF, gtsam.Pose3(), p.URDF_USE_INERTIA_FROM_FILE
+            self.client, light_panda_urdf(), gtsam.Pose3(), p.URDF_USE_INERTIA_FROM_FILE
         )
         self._set_up_robot()
-        self.object_id = load_urdf(self.client, self.built.urdf, self.placement.T_world_object)
+        T_world_object = self.placement.T_world_object
+        self.object_id = load_urdf(self.client, folder / "moving.urdf", T_world_object)
+        self.still.append((folder / "corpus.urdf", T_world_object))
         self.part_joint = joint_index(self.client, self.object_id, PART_JOINT)
         self._furnish()
         self._add_room(folder)
@@ -135,68 +143,55 @@ class SimWorld:
         )
 
     def _add_room(self, folder: Path) -> None:
-        """A floor and a wall a hand's breadth behind the cabinet.
-
-        Here they are collision shapes alone; their looks never change and are drawn once, by
-        the camera, from the files written here.
-        """
+        """A floor, a wall a hand's breadth behind the object, and what lifts object or robot."""
         rng = np.random.default_rng([self.spec.seed, 9])
-        T, depth = self.placement.T_world_object, self.spec.size_m[1]
+        T, (width, depth, _) = self.placement.T_world_object, self.spec.size_m
         ground, plinth = self.placement.floor_m, self.placement.plinth_m
-        T_floor = gtsam.Pose3(gtsam.Rot3(), np.array([0.0, 0.0, ground - 0.025]))
-        behind = gtsam.Pose3(gtsam.Rot3(), np.array([0.0, depth / 2 + 0.1, 2.0 - plinth]))
-        for name, image, size, T_world_box, side in (
-            ("floor", floor(rng), [16.0, 16.0, 0.05], T_floor, 4),
-            ("wall", plaster(rng), [16.0, 0.05, 4.0], T * behind, 3),
-        ):
-            cv2.imwrite(str(folder / f"{name}.png"), image[..., ::-1])
-            box = Box(name, np.array(size), gtsam.Pose3(), name)
-            path = folder / f"{name}.obj"
-            write_textured_boxes(path, [box], f"{name}.png", split_m=ROOM_CELL_M, sides=[side])
-            self._add_wall(np.array(size), T_world_box)
-            urdf = path.with_suffix(".urdf")
-            urdf.write_text(ROOM_URDF.format(name=name), encoding="utf-8")
-            self.room.append((urdf, T_world_box))
-        self._add_supports()
-
-    def _add_supports(self) -> None:
-        """What lifts the object (a plinth) or the robot (a pedestal) off the floor."""
-        ground, plinth = self.placement.floor_m, self.placement.plinth_m
-        T, size = self.placement.T_world_object, self.spec.size_m
+        images = [floor(rng), plaster(rng)]
+        behind = _above(2.0 - plinth, y=depth / 2 + 0.1)
+        self._add_still(folder, "floor", images[0], [16.0, 16.0, 0.05], _above(ground - 0.025), [4])
+        self._add_still(folder, "wall", images[1], [16.0, 0.05, 4.0], T * behind, [3])
+        grey = np.asarray(0.55 * plaster(rng), dtype=np.uint8)
         if plinth > 0.0:
-            middle = gtsam.Pose3(gtsam.Rot3(), np.array([0.0, 0.0, -plinth / 2.0]))
-            self._add_block(np.array([size[0], 0.9 * size[1], plinth]), T * middle)
-        if ground < 0.0:
-            middle = gtsam.Pose3(gtsam.Rot3(), np.array([-0.05, 0.0, ground / 2.0]))
-            self._add_block(np.array([0.3, 0.3, -ground]), middle)
+            size, T_plinth = [width, 0.9 * depth, plinth], T * _above(-plinth / 2.0)
+            self._add_still(folder, "plinth", grey, size, T_plinth, range(6))
+        if ground < 0.0:  # the robot's flange is 0.2 m long
+            T_pedestal = _above(ground / 2.0, x=-0.05)
+            self._add_still(folder, "pedestal", grey, [0.3, 0.3, -ground], T_pedestal, range(6))
 
-    def _add_wall(self, size_m: FloatArray, T_world_box: gtsam.Pose3) -> None:
-        # Without a visual shape the collision shape would be drawn: give it a speck inside.
-        self._add_static(size_m, np.full(3, 2e-4), T_world_box, [1.0, 1.0, 1.0, 1.0])
-
-    def _add_block(self, size_m: FloatArray, T_world_box: gtsam.Pose3) -> None:
-        self._add_static(size_m, size_m, T_world_box, [0.45, 0.45, 0.47, 1.0])
-
-    def _add_static(
-        self, size_m: FloatArray, seen_m: FloatArray, T_world_box: gtsam.Pose3, rgba: list[float]
+    def _add_still(
+        self,
+        folder: Path,
+        name: str,
+        image: Rgb,
+        size_m: Sequence[float],
+        T_world_box: gtsam.Pose3,
+        sides: Sequence[int],
     ) -> None:
-        shape = p.createCollisionShape(
-            p.GEOM_BOX, halfExtents=(size_m / 2.0).tolist(), physicsClientId=self.client
-        )
-        looks = p.createVisualShape(
-            p.GEOM_BOX,
-            halfExtents=(seen_m / 2.0).tolist(),
-            rgbaColor=rgba,
-            physicsClientId=self.client,
-        )
+        """A box that never moves.
+
+        Here it is a collision shape alone; its looks never change and are drawn once, by the
+        camera, from the files written here.
+        """
+        cv2.imwrite(str(folder / f"{name}.png"), image[..., ::-1])
+        box = Box(name, np.array(size_m), gtsam.Pose3(), name)
+        path = folder / f"{name}.obj"
+        write_textured_boxes(path, [box], f"{name}.png", split_m=ROOM_CELL_M, sides=sides)
+        half = (np.array(size_m) / 2.0).tolist()
+        shape = p.createCollisionShape(p.GEOM_BOX, halfExtents=half, physicsClientId=self.client)
+        # Without a visual shape the collision shape would be drawn: give it a speck inside.
+        speck = p.createVisualShape(p.GEOM_BOX, halfExtents=[1e-4] * 3, physicsClientId=self.client)
         p.createMultiBody(
             0.0,
             shape,
-            looks,
+            speck,
             T_world_box.translation().tolist(),
             quaternion_xyzw(T_world_box.rotation()),
             physicsClientId=self.client,
         )
+        urdf = path.with_suffix(".urdf")
+        urdf.write_text(ROOM_URDF.format(name=name), encoding="utf-8")
+        self.still.append((urdf, T_world_box))
 
     def _furnish(self) -> None:
         """Coulomb friction as a velocity motor of bounded force; viscous damping; contact."""
