@@ -8,6 +8,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from akm_fg.perception.depth_edges import near_depth_edge
 from akm_fg.perception.depth_planes import Image
 from akm_fg.records import BoolArray
 
@@ -21,6 +22,7 @@ class MaskCleanupConfig:
     share_rounds: int = 4  # of averaging over neighbours on the same surface
     surface_step_m: float = 0.012  # between neighbours of one surface, as noise and relief make it
     max_slope: float = 2.0  # tangent between ray and normal, 63 deg: on top, for slanted surfaces
+    edge_step_m: float = 0.024  # between pixels: another surface begins
     min_area: float = 0.0005  # of the image; smaller islands are dropped
     edge_px: int = 1  # left open at either side of a depth edge, and of the border of two masks
 
@@ -89,7 +91,8 @@ def refine(
     fine = _repeated(label, stride, z.shape)
     z_of = _repeated(z[::stride, ::stride], stride, z.shape)
     limit = np.float32(config.max_slope * stride / fx) * z + np.float32(config.surface_step_m)
-    sound = (np.abs(z - z_of) < limit) & ~_near_depth_edge(z, config)  # NaN compares False
+    sound = np.abs(z - z_of) < limit  # NaN compares False
+    sound &= ~near_depth_edge(z, config.edge_step_m, config.edge_px, reach_px=1)
     around = np.ones((2 * config.edge_px + 1,) * 2, np.uint8)
     low, high = cv2.erode(fine, around), cv2.dilate(fine, around)
     return (fine == 2) & (low > 0) & sound, (fine == 0) & (high < 2) & sound
@@ -97,22 +100,6 @@ def refine(
 
 def _repeated(image: NDArray, stride: int, shape: tuple[int, ...]) -> NDArray:
     return image.repeat(stride, axis=0).repeat(stride, axis=1)[: shape[0], : shape[1]]
-
-
-def _near_depth_edge(z: Image, config: MaskCleanupConfig) -> BoolArray:
-    """(h, w) True within `edge_px` of a step of depth; a slanted plane is none.
-
-    Inverse depth is linear on a plane, so a step is where its second difference is large.
-    """
-    w = 1 / z
-    edge = np.zeros(z.shape, np.uint8)
-    limit = np.float32(2 * config.surface_step_m) * w * w
-    for axis in (0, 1):
-        across = np.moveaxis(w, axis, 0)
-        bend = np.abs(across[2:] + across[:-2] - 2 * across[1:-1])
-        inner = np.moveaxis(edge, axis, 0)[1:-1]
-        inner |= bend > np.moveaxis(limit, axis, 0)[1:-1]  # NaN compares False
-    return cv2.dilate(edge, np.ones((2 * config.edge_px + 1,) * 2, np.uint8)) > 0
 
 
 def without_islands(mask: BoolArray, min_pixels: int) -> BoolArray:

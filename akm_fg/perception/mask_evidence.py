@@ -38,9 +38,9 @@ class MaskEvidenceConfig:
     range_m: float = 0.3  # over which depths spread that have nothing to do with the prediction
     log_outlier: float = -3.5  # ratio where the surface is gone: 3 % of such readings are wrong
     log_hidden: float = -0.5  # ratio where something nearer is seen
-    gray_sigma: float = 6.0  # sd of a gray level found again: noise, half a pixel, shading
+    gray_sigma: float = 8.0  # sd of a gray level found again: noise, half a pixel, shading
     texture_px: int = 15  # size of what counts as texture; coarser is shading
-    max_texture: float = 1.0  # ratio; neighbouring pixels err together
+    max_texture: float = 2.5  # ratio; one that does not fit cancels most of what depth says
     max_per_frame: float = 3.0  # no single frame counts more: its errors are shared by many pixels
 
 

@@ -27,13 +27,13 @@ from akm_fg.perception.mask_cleanup import (
 from akm_fg.perception.mask_evidence import (
     MaskEvidenceConfig,
     MaskView,
-    camera_rays,
     gather_evidence,
     mask_view,
     on_background,
 )
+from akm_fg.perception.mask_prior import TrackPriorConfig, nearness
 from akm_fg.perception.observe import ObservedMotion
-from akm_fg.records import BoolArray, FloatArray, Recording, RgbdFrame
+from akm_fg.records import BoolArray, Recording, RgbdFrame
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,14 +41,13 @@ class PartMaskConfig:
     """Evidence, prior and clean-up."""
 
     evidence: MaskEvidenceConfig = field(default_factory=MaskEvidenceConfig)
+    prior: TrackPriorConfig = field(default_factory=TrackPriorConfig)
     cleanup: MaskCleanupConfig = field(default_factory=MaskCleanupConfig)
     stride_px: int = 3  # of the pixels that are judged; those between follow on the same surface
     other_frames: int = 4  # asked for each keyframe
     min_motion_m: float = 0.02  # of the part between two frames that say something; else the most
     min_tracks: int = 6  # of the part, seen in a frame whose rigid motion is trusted
-    prior_at_track: float = 3.0  # log odds at a labelled track, from that track
-    prior_reach_m: float = 0.03  # distance at which that has fallen to 1/e
-    prior_background: float = 8.0  # log odds of rest for what the first frame shows off the object
+    background: float = 8.0  # log odds of rest for what the first frame shows off the object
     mask_error_px: int = 3  # of the object's outline
     margin_px: float = 0.06  # of the image's width, around the object, of the judged region
     min_log_odds: float = 2.0  # decides a pixel
@@ -211,35 +210,11 @@ class _Scene:
         beside = on_background(
             self._view(k), coarse, self._background, motion, self._noise, c.evidence
         )
-        odds = c.prior_at_track * (moving - static) - c.prior_background * beside
+        odds = c.prior.at_track * (moving - static) - c.background * beside
         return np.asarray(odds, dtype=np.float32)
 
     def _nearness(self, k: int, coarse: Box, chosen: BoolArray) -> Image:
-        """exp(-distance / reach) to the chosen track that is nearest in the image."""
-        frame, stride = self._frames[k], self._config.stride_px
-        z = frame.depth_m[coarse]
-        index = np.flatnonzero(chosen & self._observed.tracks.observed[k])
-        uv = self._observed.pixels.uv[k, index]
-        column, row = ((uv - [coarse[1].start, coarse[0].start]) / stride).round().astype(int).T
-        inside = (row >= 0) & (column >= 0) & (row < z.shape[0]) & (column < z.shape[1])
-        row, column, index = row[inside], column[inside], index[inside]
-        if not index.size:
-            return np.zeros_like(z)
-        free = np.ones(z.shape, np.uint8)
-        free[row, column] = 0
-        _, label = cv2.distanceTransformWithLabels(
-            free, cv2.DIST_L2, 3, labelType=cv2.DIST_LABEL_PIXEL
-        )
-        T_cam_world = frame.T_world_cam.inverse().matrix()
-        p_world = self._observed.tracks.p_world[k, index]
-        p_cam = np.zeros((label.max() + 1, 3), np.float32)
-        p_cam[label[row, column]] = p_world @ T_cam_world[:3, :3].T + T_cam_world[:3, 3]
-        return _nearness(frame, coarse, z, p_cam[label], self._config.prior_reach_m)
-
-
-def _nearness(frame: RgbdFrame, box: Box, z: Image, p_cam: FloatArray, reach_m: float) -> Image:
-    """exp(-distance / reach) of a crop's points (h, w) to given ones (h, w, 3); 0 without depth."""
-    x, y = camera_rays(frame.camera, box)
-    square = (z * x - p_cam[..., 0]) ** 2 + (z * y - p_cam[..., 1]) ** 2
-    square += (z - p_cam[..., 2]) ** 2
-    return np.nan_to_num(np.exp(np.sqrt(square) * np.float32(-1 / reach_m)))
+        """To the chosen tracks that are seen in frame k."""
+        seen = chosen & self._observed.tracks.observed[k]
+        uv = self._observed.pixels.uv[k, seen]
+        return nearness(self._frames[k], coarse, uv, self._noise, self._config.prior)

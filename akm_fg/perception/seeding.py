@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from akm_fg.interfaces import PointTracker
+from akm_fg.perception.depth_edges import near_depth_edge
 from akm_fg.records import BoolArray, FloatArray, PixelTracks, RgbdFrame
 
 SOBEL_GAIN = 8.0  # of the 3 x 3 operator: gray levels a pixel
@@ -25,20 +26,22 @@ class SeedingConfig:
     min_spacing_px: float = 5.0  # closer points share most of their patch
     edge_margin_px: int = 5  # from a depth edge: a patch there holds two surfaces
     edge_m: float = 0.02  # depth step that counts as an edge
+    max_slope: float = 3.0  # tangent between ray and normal, 72 deg: steeper ones cannot be lifted
     min_corner: float = 1.0  # smaller eigenvalue of the mean gradient tensor, (gray levels / px)^2
     min_frames_left: int = 3  # a track that starts later says nothing about motion
 
 
 def _seedable(frame: RgbdFrame, mask: BoolArray, config: SeedingConfig) -> BoolArray:
-    """(H, W) where the object has depth and no depth edge is near."""
+    """(H, W) where the object has depth, is not seen edge-on, and no depth edge is near."""
     known = np.isfinite(frame.depth_m)
-    kernel = np.ones((3, 3), np.uint8)
-    far = np.float32(1e3)  # beyond every reading: holes neither raise nor lower their neighbours
-    high = cv2.dilate(np.where(known, frame.depth_m, -far), kernel)
-    low = cv2.erode(np.where(known, frame.depth_m, far), kernel)
-    edge = (high - low > config.edge_m) & (np.abs(high) < far) & (np.abs(low) < far)
     wide = np.ones((2 * config.edge_margin_px + 1,) * 2, np.uint8)
-    near_edge = cv2.dilate((edge | ~mask).astype(np.uint8), wide) > 0
+    near_edge = near_depth_edge(frame.depth_m, config.edge_m, config.edge_margin_px)
+    far = np.float32(1e3)  # beyond every reading: holes neither raise nor lower their neighbours
+    square = np.ones((3, 3), np.uint8)
+    high = cv2.dilate(np.where(known, frame.depth_m, -far), square)
+    low = cv2.erode(np.where(known, frame.depth_m, far), square)
+    steep = high - low > config.edge_m + 2 * config.max_slope / frame.camera.fx * frame.depth_m
+    near_edge |= cv2.dilate((~mask | steep).astype(np.uint8), wide) > 0
     return np.asarray(mask & known & ~near_edge)
 
 
