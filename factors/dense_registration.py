@@ -187,21 +187,22 @@ def dense_registration_factor(
         patches: the observations, K keyframes.
         dof: degrees of freedom of the Student-t kernel.
         scale: factor on the observations' standard deviations.
-        count_as_one: neighbouring observations that count as one; at least 1.
+        count_as_one: neighbouring observations that count as one (relative to those of other
+            factors, where all are tempered alike afterwards).
         pitch_key: key of a helical joint's pitch (double), metres per radian.
 
     Raises:
         ValueError: the number of keys is not that of the keyframes, an unknown kind, a pitch key
-            where there is no pitch (or none where there is one), a scale that is not positive or
-            a count below 1.
+            where there is no pitch (or none where there is one), a scale or a count that is not
+            positive.
     """
     unit_twist(kind)
     if len(state_keys) != patches.p_world.shape[0]:
         raise ValueError(f"{len(state_keys)} state keys, {patches.p_world.shape[0]} keyframes")
     if (kind == "helical") != (pitch_key is not None):
         raise ValueError(f"a {kind} joint with pitch key {pitch_key}; helical joints have one")
-    if not (scale > 0 and count_as_one >= 1):
-        raise ValueError(f"scale {scale}, count_as_one {count_as_one}; expected > 0 and >= 1")
+    if not (scale > 0 and count_as_one > 0):
+        raise ValueError(f"scale {scale} and count_as_one {count_as_one}, expected > 0")
     free = [t for t, key in enumerate(state_keys) if key is not None]
     keys = [key for key in state_keys if key is not None]
     after = [] if pitch_key is None else [pitch_key]

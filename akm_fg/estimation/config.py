@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from typing import ClassVar
 
 from akm_fg.estimation.rigid_motion import RigidMotionConfig
 
@@ -27,10 +28,24 @@ class PriorConfig:
 
 
 @dataclass(frozen=True, slots=True)
+class DenseConfig:
+    """Registration of keyframes' surfaces."""
+
+    keyframes: int = 5  # as the paper
+    associations: int = 4  # rounds; the first gates take up what the tracks were off
+    first_gate_m: float = 0.03
+    gate_sigmas: float = 6.0  # of what the last round left
+    least_gate_m: float = 0.004
+    min_patches: int = 50  # fewer say less than the tracks
+    blocks_px: ClassVar[tuple[int, ...]] = (8, 16, 32, 64)  # sides of blocks that may err together
+
+
+@dataclass(frozen=True, slots=True)
 class FitConfig:
     """How a fit is done and what counts as an answer."""
 
     prior: PriorConfig = field(default_factory=PriorConfig)
+    dense: DenseConfig = field(default_factory=DenseConfig)
     rigid_motion: RigidMotionConfig = field(default_factory=RigidMotionConfig)
     dof: float = 6.0  # of the Student-t noise: 97 % efficient on Gaussian noise, see docs
     max_frames: int = 60  # frames in the graph; the others get their states afterwards

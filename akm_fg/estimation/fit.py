@@ -16,6 +16,7 @@ from threadpoolctl import ThreadpoolController
 
 from akm_fg.errors import AxisUnobservable, TracksLost
 from akm_fg.estimation.config import FitConfig
+from akm_fg.estimation.dense_fit import SurfaceSource, register
 from akm_fg.estimation.evidence import (
     correlated_points,
     correlation_frames,
@@ -56,6 +57,7 @@ def fit_tracks(
     seed: int = 0,
     config: FitConfig | None = None,
     systematic_m: float = 0.0,
+    surface: SurfaceSource | None = None,
 ) -> ArticulationPosterior:
     """Fit all joint kinds to tracked points of one part.
 
@@ -67,6 +69,7 @@ def fit_tracks(
         config: tuning.
         systematic_m: errors of the sensor that no averaging removes (standard deviation, each
             coordinate).
+        surface: dense views of the part in keyframes, registered in the same graph as the tracks.
 
     Raises:
         TracksLost: fewer than two frames, or too few tracks of one rigid part.
@@ -86,7 +89,7 @@ def fit_tracks(
             problem = problem_of_path(name, tracks, None, noise_known, config)
         else:
             problem = problem_of_tracks(name, tracks, noise_known, seed, config)
-        return _fit(replace(problem, systematic_m=systematic_m), began)
+        return _fit(replace(problem, systematic_m=systematic_m), began, surface)
 
 
 def fit_poses(
@@ -119,15 +122,10 @@ def one_blas_thread() -> AbstractContextManager[object]:
     return _threads().limit(limits=1, user_api="blas")
 
 
-def _fit(problem: FitProblem, began: float) -> ArticulationPosterior:
-    graph = GraphProblem(
-        problem.observations,
-        problem.centroid_world,
-        problem.lever_m,
-        problem.start,
-        problem.config,
-        None if problem.motions is None else problem.motions.x_world,
-    )
+def _fit(
+    problem: FitProblem, began: float, surface: SurfaceSource | None = None
+) -> ArticulationPosterior:
+    graph = graph_problem(problem)
     fits, warnings = _fit_kinds(problem, graph)
     likeliest = max(fits, key=lambda fit: fit.log_likelihood)
     tau, visible = correlation_frames(likeliest, problem.observations)
@@ -137,6 +135,12 @@ def _fit(problem: FitProblem, began: float) -> ArticulationPosterior:
         observations = replace(problem.observations, visible_share=visible)
         graph = replace(graph, observations=observations)
         fits = [_refitted(fit, graph) for fit in fits]
+        problem = replace(problem, observations=observations)
+    if surface is not None and likeliest.T_world_joint is not None and problem.motions is not None:
+        registration = register(problem, likeliest, surface, as_one)
+        if registration is not None:
+            problem = registration.problem
+            fits, warnings = _fit_kinds(problem, graph_problem(problem))
     fits = [_pointing_forward(temper(fit, as_one, systematic)) for fit in fits]
     probability = kind_probabilities(fits, problem.config.prior)
     best = max(fits, key=lambda fit: probability[fit.kind])
@@ -149,6 +153,18 @@ def _fit(problem: FitProblem, began: float) -> ArticulationPosterior:
         alternatives={fit.kind: _kind_posterior(fit, problem) for fit in fits},
         fit=_report(best, problem, (tau, together), parametric, tuple(warnings)),
         time_s={"total": time.perf_counter() - began},
+    )
+
+
+def graph_problem(problem: FitProblem) -> GraphProblem:
+    """What the graphs of all kinds are built from."""
+    return GraphProblem(
+        problem.observations,
+        problem.centroid_world,
+        problem.lever_m,
+        problem.start,
+        problem.config,
+        None if problem.motions is None else problem.motions.x_world,
     )
 
 

@@ -67,6 +67,4 @@ class PartSurface:
             depth_planes(self.recording.frames[m.frame], self.noise, m.moving, self.config.planes)
             for m in masks
         ]
-        return dense_views(
-            numbers, planes, np.random.default_rng(self.seed), self.config.patches
-        )
+        return dense_views(numbers, planes, np.random.default_rng(self.seed), self.config.patches)
