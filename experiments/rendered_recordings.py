@@ -25,7 +25,7 @@ from typing import Literal
 
 import numpy as np
 
-from akm_fg.errors import GraspFailed, MotionInfeasible
+from akm_fg.errors import GraspFailed, InputError, MotionInfeasible
 from akm_fg.io.recording_writer import RecordingWriter
 from akm_fg.records import FloatArray
 from sim.episode import SimEpisode, open_world
@@ -140,7 +140,9 @@ def chosen(suite: Suite, objects: str | None) -> list[str]:
         return [names[i] for i in np.unique(take.round().astype(int))]
     found = fnmatch.filter(names, objects)
     if not found:
-        raise ValueError(f"--objects {objects!r} matches nothing in {suite.name}")
+        raise InputError(
+            f"--objects {objects}", f"matches nothing in {suite.name}", "a glob or a count"
+        )
     return found
 
 
@@ -158,7 +160,7 @@ def main(argv: list[str] | None = None) -> int:
     try:
         suite = find_suite(arguments.suite)
         names = chosen(suite, arguments.objects)
-    except ValueError as error:
+    except InputError as error:
         print(error, file=sys.stderr)
         return 2
     arguments.out.mkdir(parents=True, exist_ok=True)

@@ -47,7 +47,7 @@ def open_world(
     Args:
         object_name: `door`, `drawer`, or SUITE/NAME such as `furniture-dev/door-003`.
         seed: varies size, place, mass, friction, looks and the camera's noise.
-        noise: `clean` or `d455`.
+        noise: `clean`, `d455` or `harsh`.
         world_config: physics.
         franka_config: arm and gripper.
         camera_config: image size and rendering; its noise is replaced by `noise`.
@@ -55,6 +55,7 @@ def open_world(
 
     Raises:
         ValueError: no such object or noise level.
+        InputError: no such suite, or no such object in it.
         MotionInfeasible: no pose of the object can be opened by the arm.
     """
     if noise not in NOISE_LEVELS:

@@ -17,7 +17,8 @@ def find_spec(name: str, seed: int) -> PartSpec:
     """The object called `door`, `drawer` or SUITE/NAME, as met with `seed`.
 
     Raises:
-        ValueError: no such object.
+        ValueError: neither `door` nor `drawer`.
+        InputError: no such suite, or no such object in it.
     """
     if "/" in name:
         return load_spec(name, seed)

@@ -20,13 +20,19 @@ def main(argv: Sequence[str] | None = None) -> int:
     from akm_fg.cli.demo import DemoArguments, demo
     from akm_fg.cli.doctor import DoctorArguments, doctor
     from akm_fg.cli.fit import FitArguments, fit
+    from akm_fg.cli.objects import ObjectsArguments, objects
     from akm_fg.errors import AkmError
 
     logging.basicConfig(
         level=os.environ.get("AKM_FG_LOG", "WARNING").upper(), format="%(levelname)s %(message)s"
     )
     arguments = tyro.extras.subcommand_cli_from_dict(
-        {"demo": DemoArguments, "fit": FitArguments, "doctor": DoctorArguments},
+        {
+            "demo": DemoArguments,
+            "fit": FitArguments,
+            "objects": ObjectsArguments,
+            "doctor": DoctorArguments,
+        },
         prog="akm-fg",
         description=_DESCRIPTION,
         args=None if argv is None else list(argv),
@@ -38,6 +44,8 @@ def main(argv: Sequence[str] | None = None) -> int:
                 return demo(arguments)
             case FitArguments():
                 return fit(arguments)
+            case ObjectsArguments():
+                return objects(arguments)
             case _:
                 return doctor(arguments)
     except AkmError as error:

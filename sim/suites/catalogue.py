@@ -12,6 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from akm_fg.errors import InputError
 from sim.suites.furniture_spec import (
     PLAIN_SHARE,
     Family,
@@ -68,13 +69,13 @@ class Suite:
         """One object as met with `seed`, which varies scale, pose and camera noise.
 
         Raises:
-            ValueError: no such object.
+            InputError: no such object.
         """
         if name not in self.names():
-            raise ValueError(
-                f"object {self.name}/{name}: not in this suite; expected drawer-001 to "
-                f"drawer-{self.n_drawers:03d} or door-001 to door-{self.n_doors:03d}"
+            known = (
+                f"drawer-001 to drawer-{self.n_drawers:03d} or door-001 to door-{self.n_doors:03d}"
             )
+            raise InputError(f"{self.name}/{name}", "no such object", known)
         kind, number = name.rsplit("-", 1)
         door, i = kind == "door", int(number) - 1
         family, hinge = DOORS[i % len(DOORS)] if door else (DRAWERS[i % len(DRAWERS)], None)
@@ -136,10 +137,10 @@ def find_suite(name: str) -> Suite:
     """The suite called `name`.
 
     Raises:
-        ValueError: no such suite.
+        InputError: no such suite.
     """
     if name not in SUITES:
-        raise ValueError(f"suite {name!r}, expected one of {', '.join(SUITES)}")
+        raise InputError(f"suite {name}", "not known", f"one of {', '.join(SUITES)}")
     return SUITES[name]
 
 
@@ -147,7 +148,7 @@ def load_spec(full_name: str, seed: int) -> FurnitureSpec:
     """The object SUITE/NAME as met with `seed`.
 
     Raises:
-        ValueError: no such suite or object.
+        InputError: no such suite or object.
     """
     suite, _, name = full_name.partition("/")
     return find_suite(suite).load(name, seed)

@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 
 from akm_fg.records import PinholeCamera
-from sim.bullet import p, quiet
+from sim.bullet import load_urdf, p, quiet
 from sim.camera import CameraConfig, render, rendered_intrinsics
 from sim.episode import SimEpisode, open_world
-from sim.noise import NOISE_LEVELS, noisy_depth
+from sim.noise import NOISE_LEVELS, noisy_depth, noisy_rgb
 from sim.views import look_at
 
 PLANE_X_M = 1.1
@@ -94,6 +94,19 @@ def test_the_front_keeps_most_of_its_depth(episode: SimEpisode):
     assert frame.rgb[i[:, 1], i[:, 0]].astype(float).std(axis=0).mean() > 8.0  # textured
 
 
+def test_drawing_what_stands_still_once_changes_no_pixel():
+    with open_world("furniture-dev/door-003", seed=0, noise="clean") as opened:
+        world, camera = opened.world, opened.camera
+        p.resetJointState(world.object_id, world.part_joint, 0.4, physicsClientId=world.client)
+        rgb, depth = camera.exact()
+        assert np.isnan(depth).mean() < 0.5
+        for urdf, T_world_body in world.still:  # all in one picture
+            load_urdf(world.client, urdf, T_world_body)
+        rgb_at_once, depth_at_once = render(world.client, camera.T_world_cam, camera.config)
+        np.testing.assert_array_equal(rgb, rgb_at_once)
+        np.testing.assert_array_equal(depth, depth_at_once)
+
+
 def test_depth_noise_grows_with_the_square_of_distance():
     camera = rendered_intrinsics(320, 240, 300.0)
     rng = np.random.default_rng(0)
@@ -104,6 +117,31 @@ def test_depth_noise_grows_with_the_square_of_distance():
     np.testing.assert_allclose(np.array(sd[1:]) / sd[:-1], 4.0, rtol=0.1)
     expected = 1.6**2 / (425.0 * 0.095) * 0.08
     np.testing.assert_allclose(sd[1], expected, rtol=0.1)
+
+
+@pytest.mark.parametrize("level", ["d455", "harsh"])
+def test_noise_has_the_strength_and_reach_that_its_level_says(level: str):
+    camera, config = rendered_intrinsics(640, 480, 600.0), NOISE_LEVELS[level]
+    rng = np.random.default_rng(0)
+    error = noisy_depth(np.full((480, 640), 1.6), camera, config, rng) - 1.6
+    expected = 1.6**2 / (config.depth_focal_px * config.baseline_m) * config.disparity_sigma_px
+    np.testing.assert_allclose(error.std(), expected, rtol=0.1)
+    # Two blurs of one Gaussian: correlation exp(-d^2 / (4 s^2)); quantisation takes a little.
+    apart = round(config.correlation_px)
+    r = np.corrcoef(error[:, apart:].ravel(), error[:, :-apart].ravel())[0, 1]
+    np.testing.assert_allclose(r, np.exp(-(apart**2) / (4.0 * config.correlation_px**2)), atol=0.08)
+    grey = np.full((480, 640, 3), 120, dtype=np.uint8)
+    images = np.array([noisy_rgb(grey, config, rng).astype(float) for _ in range(30)])
+    np.testing.assert_allclose(images[0].std(), config.rgb_sigma, rtol=0.05)
+    means = images.mean(axis=(1, 2, 3))
+    np.testing.assert_allclose(means.std(), 120.0 * config.rgb_gain_sd, rtol=0.5, atol=0.05)
+
+
+def test_levels_grow_harsher():
+    clean, d455, harsh = (NOISE_LEVELS[name] for name in ("clean", "d455", "harsh"))
+    assert clean.disparity_sigma_px is None and clean.rgb_sigma == 0.0
+    assert d455.disparity_sigma_px < harsh.disparity_sigma_px
+    assert d455.edge_hole < harsh.edge_hole and d455.rgb_sigma < harsh.rgb_sigma
 
 
 def test_depth_is_lost_at_edges_and_kept_on_smooth_surfaces():

@@ -1,0 +1,176 @@
+"""The furniture suites: what is in them, that it is built soundly, and that it moves."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from akm_fg.errors import InputError
+from sim.bullet import p
+from sim.episode import open_world
+from sim.suites.catalogue import SUITES, find_suite, load_spec
+from sim.suites.finishes import textures
+from sim.suites.furniture_body import make_body
+from sim.suites.furniture_build import build_furniture
+from sim.suites.furniture_spec import DRAWER_BACK_M, RANGE_MIN_M
+from sim.suites.handles import handle_boxes, handle_pose
+from sim.world import SimWorld
+
+ALL = [spec.name for suite in SUITES.values() for spec in suite]
+SAMPLE = ["furniture-dev/drawer-004", "furniture-dev/door-008", "furniture-dev/door-020"]
+OF_EACH_FAMILY = sorted({s.family: s.name for s in find_suite("furniture-dev")}.values())
+PULL_N = 25.0  # what a child can do
+
+
+@pytest.mark.parametrize(
+    ("name", "drawers", "doors", "split"),
+    [("furniture-116", 60, 56, "test"), ("furniture-dev", 20, 20, "dev")],
+)
+def test_a_suite_has_its_objects_by_name(name: str, drawers: int, doors: int, split: str):
+    suite = find_suite(name)
+    specs = list(suite)
+    assert len(suite) == len(specs) == drawers + doors
+    assert [s.kind for s in specs] == ["prismatic"] * drawers + ["revolute"] * doors
+    assert specs[0].name == f"{name}/drawer-001" and specs[-1].name == f"{name}/door-{doors:03d}"
+    assert {s.split for s in specs} == {split}
+    assert {s.hinge for s in specs} == {None, "left", "right", "top", "bottom"}
+    assert {s.handle.style for s in specs} == {"bar", "rod", "arch", "knob", "lip"}
+
+
+@pytest.mark.parametrize("suite", SUITES)
+def test_a_third_of_each_kind_is_plain(suite: str):
+    for kind in ("prismatic", "revolute"):
+        plain = [spec.plain for spec in find_suite(suite) if spec.kind == kind]
+        assert abs(sum(plain) - len(plain) / 3.0) <= 0.5
+
+
+@pytest.mark.parametrize("suite", SUITES)
+def test_ranges_hold_the_benchmark_and_drawers_stay_in_their_cabinets(suite: str):
+    for spec in find_suite(suite):
+        if spec.kind == "prismatic":
+            assert spec.upper >= RANGE_MIN_M
+            assert spec.size_m[1] > spec.upper + DRAWER_BACK_M
+        else:
+            assert spec.upper >= np.deg2rad(40.0)
+        assert 0.9 <= spec.scale <= 1.1
+
+
+def test_the_suites_share_no_object():
+    sizes = {s: {round(float(o.mass_kg), 9) for o in find_suite(s)} for s in SUITES}
+    assert not sizes["furniture-116"] & sizes["furniture-dev"]
+
+
+def test_the_name_fixes_the_object_and_the_seed_its_scale():
+    first, again, other = (load_spec("furniture-dev/door-005", seed) for seed in (0, 0, 1))
+    assert repr(first) == repr(again)
+    assert other.scale != first.scale
+    np.testing.assert_allclose(other.size_m / other.scale, first.size_m / first.scale)
+    assert other.handle == first.handle and other.friction == first.friction
+
+
+@pytest.mark.parametrize("name", ["furniture-dev/drawer-005", "furniture-dev/door-016"])
+def test_the_same_name_builds_the_same_bytes(name: str, tmp_path: Path):
+    folders = [tmp_path / "a", tmp_path / "b"]
+    for folder in folders:
+        folder.mkdir()
+        build_furniture(load_spec(name, 3), folder)
+    files = sorted(f.name for f in folders[0].iterdir())
+    assert {"object.urdf", "part_handle.obj", "front.png"} <= set(files)
+    for file in files:
+        assert (folders[0] / file).read_bytes() == (folders[1] / file).read_bytes(), file
+
+
+@pytest.mark.parametrize("plain", [True, False])
+def test_plain_surfaces_have_one_or_two_grey_levels_and_others_more(plain: bool):
+    spec = next(s for s in find_suite("furniture-dev") if s.plain is plain)
+    images = textures(spec)
+    for surface in ("front", "carcass"):
+        spread = images[surface].astype(float).std(axis=(0, 1)).max()
+        assert spread < 1.5 if plain else spread > 4.0
+
+
+@pytest.mark.parametrize("name", OF_EACH_FAMILY)
+def test_the_handle_stands_on_the_front_and_leaves_room_for_fingers(name: str):
+    spec = load_spec(name, 0)
+    body = make_body(spec)
+    lower, upper = body.front()
+    T_part_handle = handle_pose(spec, lower, upper)
+    boxes = handle_boxes(spec.handle, T_part_handle)
+    corners = np.concatenate([_corners(box.size_m, box.T_link_box.matrix()) for box in boxes])
+    assert corners[:, 1].max() > lower[1] - 1e-3  # touches the front
+    assert lower[1] - T_part_handle.translation()[1] >= 0.025  # stands off it
+    assert (corners[:, [0, 2]] > lower[[0, 2]] - 1e-3).all()
+    assert (corners[:, [0, 2]] < upper[[0, 2]] + 1e-3).all()
+    T_object_handle = body.origin + T_part_handle.translation()
+    assert 0.0 < T_object_handle[2] < spec.size_m[2]
+
+
+def _corners(size_m: np.ndarray, T: np.ndarray) -> np.ndarray:
+    signs = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)])
+    return (signs * size_m / 2.0) @ T[:3, :3].T + T[:3, 3]
+
+
+@pytest.mark.parametrize("name", SAMPLE)
+def test_an_object_settles_moves_when_pulled_and_stays_where_it_is_left(name: str):
+    settles_moves_and_stays(name)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ALL)
+def test_every_object_settles_moves_when_pulled_and_stays_where_it_is_left(name: str):
+    settles_moves_and_stays(name)
+
+
+def settles_moves_and_stays(name: str) -> None:
+    with SimWorld(name, 0) as world:
+        prismatic = world.spec.kind == "prismatic"
+        little, enough = (0.001, 0.03) if prismatic else (0.005, np.deg2rad(5.0))
+        assert world.placement.T_world_object.z() >= world.placement.floor_m - 1e-9
+        run(world, 0.3)
+        assert abs(world.part_state()) < little  # did not open by itself, or explode
+        run(world, 1.0, PULL_N)
+        opened = world.part_state()
+        assert enough < opened <= world.spec.upper + 0.01
+        # Halfway, where the weight of a lying hinge's door is felt.
+        middle = world.spec.upper / 2.0
+        p.resetJointState(world.object_id, world.part_joint, middle, physicsClientId=world.client)
+        run(world, 0.3)
+        assert abs(world.part_state() - middle) < 4.0 * little
+
+
+def run(world: SimWorld, seconds: float, pull_n: float = 0.0) -> None:
+    """Steps the world while pulling at the handle, along the way that it can go."""
+    built, T = world.built, world.placement.T_world_object
+    arm = built.T_object_handle.translation() - built.pivot_object
+    axis = built.axis_object
+    way = axis if world.spec.kind == "prismatic" else np.cross(axis, arm)
+    way = T.rotation().matrix() @ (way / np.linalg.norm(way))
+    at = T.transformFrom(built.T_object_handle.translation())
+    for _ in range(round(seconds / world.config.step_s)):
+        if pull_n > 0.0:
+            p.applyExternalForce(
+                world.object_id,
+                world.part_joint,
+                (pull_n * way).tolist(),
+                at.tolist(),
+                p.WORLD_FRAME,
+                physicsClientId=world.client,
+            )
+        world.step()
+
+
+@pytest.mark.parametrize(
+    ("name", "told"),
+    [
+        ("attic/door-001", "furniture-116, furniture-dev"),
+        ("furniture-dev/door-021", "door-001 to door-020"),
+        ("furniture-dev/door-1", "door-001 to door-020"),
+        ("furniture-dev/", "door-001 to door-020"),
+    ],
+)
+def test_a_bad_name_gets_one_clear_line(name: str, told: str):
+    with pytest.raises(InputError, match=told) as caught, open_world(name):
+        pass
+    assert "\n" not in str(caught.value)
