@@ -59,13 +59,13 @@ def heuristic_hinge(points: Array) -> tuple[Array, Array]:
     """Axis (3,) and pivot (3,) of a hinge from points (T, N, 3), all seen in frame 0."""
     steps = np.diff(points, axis=0)
     seen = observed(steps)
-    flow = steps[seen]
-    _, _, Vt = np.linalg.svd(flow - flow.mean(axis=0), full_matrices=False)
+    flow = steps[seen] - steps[seen].mean(axis=0)
+    _, principal = np.linalg.eigh(flow.T @ flow)
     length = np.where(seen, np.linalg.norm(np.where(seen[..., None], steps, 0.0), axis=-1), 0.0)
     mean_length = length.sum(axis=0) / np.maximum(seen.sum(axis=0), 1)
     # A point that was never seen in two frames running has no length to compare.
     still = int(np.argmin(np.where(seen.any(axis=0), mean_length, np.inf)))
-    return np.asarray(Vt[2]), points[0, still]
+    return np.asarray(principal[:, 0]), points[0, still]
 
 
 def revolute_starts(points: Array, config: CoarseConfig, rng: np.random.Generator) -> Starts:
