@@ -132,8 +132,10 @@ def merged(mesh: Triangles, cell_m: float) -> Triangles:
 
 def _groups(keys: IntArray) -> IntArray:
     """(N,) which of the different rows of (N, K) each row is."""
-    _, group = np.unique(keys, axis=0, return_inverse=True)
-    return np.asarray(group.ravel(), dtype=np.int64)
+    low = keys - keys.min(axis=0)
+    flat = np.ravel_multi_index(tuple(low.T), tuple((low.max(axis=0) + 1).tolist()))
+    _, group = np.unique(flat, return_inverse=True)
+    return np.asarray(group, dtype=np.int64)
 
 
 def _means(values: FloatArray, group: IntArray) -> FloatArray:
