@@ -11,6 +11,7 @@ from akm_fg.records import FloatArray, PointTracks
 from factors.point_track import TrackObservations, state_step
 
 _ITERATIONS = 10
+_SETTLED = 1e-4  # squared step in units of the state's variance that is the last
 
 
 def states_of_all_frames(
@@ -35,43 +36,69 @@ def states_of_all_frames(
     if others.size == 0 or fit.T_world_joint is None:
         return mean, sd
     tracks = TrackObservations.from_points(points.p_world[others], points.cov_world[others])
-    q = np.interp(others, keyframes, fit.q)
-    for _ in range(_ITERATIONS):
-        step, information = state_step(
-            fit.kind,
-            fit.T_world_joint,
-            q,
-            fit.x_joint,
-            tracks,
-            config.dof,
-            fit.scales.track,
-            fit.pitch,
-        )
-        q = q + step
-    model = _model_variance(fit, points, keyframes, config)
-    order = np.argsort(fit.q[1:])
-    variance = fit.cov_factor / information + np.interp(q, fit.q[1:][order], model[order])
-    mean[others], sd[others] = q, np.sqrt(variance)
+    q, information = solved_states(fit, tracks, np.interp(others, keyframes, fit.q), config)
+    seen = TrackObservations.from_points(points.p_world[keyframes], points.cov_world[keyframes])
+    mean[others], sd[others] = q, state_sd_beside(fit, seen, q, information, config)
     return mean, sd
 
 
-def _model_variance(
-    fit: KindFit, points: PointTracks, keyframes: NDArray[np.int_], config: FitConfig
+def solved_states(
+    fit: KindFit, tracks: TrackObservations, q: FloatArray, config: FitConfig
+) -> tuple[FloatArray, FloatArray]:
+    """States (T,) and the information on them, joint and reference points held.
+
+    Args:
+        fit: the solved kind.
+        tracks: T frames of its tracks.
+        q: (T,) where to start.
+        config: tuning.
+    """
+    information = np.zeros_like(q)
+    for _ in range(_ITERATIONS):
+        step, information = _state_step(fit, tracks, q, config)
+        q = q + step
+        if (step**2 * information < _SETTLED).all():
+            break
+    return q, information
+
+
+def state_sd_beside(
+    fit: KindFit,
+    keyframes: TrackObservations,
+    q: FloatArray,
+    information: FloatArray,
+    config: FitConfig,
 ) -> FloatArray:
+    """Standard deviations (M,) of states that were solved beside the graph's K frames.
+
+    Args:
+        fit: the solved kind, over the keyframes.
+        keyframes: K frames of the fitted tracks.
+        q: (M,) states.
+        information: (M,) on them, from `solved_states`.
+        config: tuning.
+    """
+    model = _model_variance(fit, keyframes, config)
+    order = np.argsort(fit.q[1:])
+    beyond = np.interp(q, fit.q[1:][order], model[order])
+    sd: FloatArray = np.sqrt(fit.cov_factor / information + beyond)
+    return sd
+
+
+def _model_variance(fit: KindFit, keyframes: TrackObservations, config: FitConfig) -> FloatArray:
     """Variance of the keyframes' states (K - 1,) beyond their own frame's noise.
 
     Frame 0 is left out: its state is zero by definition, without variance.
     """
-    assert fit.T_world_joint is not None
-    tracks = TrackObservations.from_points(points.p_world[keyframes], points.cov_world[keyframes])
-    _, information = state_step(
-        fit.kind,
-        fit.T_world_joint,
-        fit.q,
-        fit.x_joint,
-        tracks,
-        config.dof,
-        fit.scales.track,
-        fit.pitch,
-    )
+    _, information = _state_step(fit, keyframes, fit.q, config)
     return np.maximum(fit.state_sd[1:] ** 2 - fit.cov_factor / information[1:], 0.0)
+
+
+def _state_step(
+    fit: KindFit, tracks: TrackObservations, q: FloatArray, config: FitConfig
+) -> tuple[FloatArray, FloatArray]:
+    assert fit.T_world_joint is not None
+    scale = fit.scales.track
+    return state_step(
+        fit.kind, fit.T_world_joint, q, fit.x_joint, tracks, config.dof, scale, fit.pitch
+    )
