@@ -26,14 +26,24 @@ def test_merging_leaves_far_fewer_triangles_within_a_cell_of_the_first(hand: Tri
     assert cKDTree(light.p_link).query(hand.p_link)[0].max() < diagonal
 
 
-def test_a_vertex_keeps_its_colour_shape_and_facing(hand: Triangles):
-    light = merged(hand, CELL_M)
-    nearby = cKDTree(hand.p_link)
-    for k in np.linspace(0, len(light.p_link) - 1, 50).astype(int):
-        near = nearby.query_ball_point(light.p_link[k], 2.0 * CELL_M)
-        off = np.abs(hand.uv[near] - light.uv[k]).max(axis=1)
-        facing = hand.normals[near] @ light.normals[k]
-        assert ((off < 1.0 / 16.0) & (facing > 0.0)).any()
+@pytest.mark.parametrize("differ", ["colour", "facing", "shape"])
+def test_sheets_in_one_place_stay_apart_where_they_differ(differ: str):
+    corners = np.array([[0.001, 0.001, 0.001], [0.021, 0.001, 0.001], [0.001, 0.021, 0.001]])
+    up = np.tile([0.1, 0.1, 1.0], (3, 1))
+    other = differ == "facing"
+    uv = [0.1, 0.9 if differ == "colour" else 0.1]
+    sheets = Triangles(
+        np.concatenate([corners, corners + 1e-3]),
+        np.repeat(uv, 3)[:, None] * np.ones(2),
+        np.concatenate([up, -up if other else up]),
+        np.arange(6).reshape(2, 3),
+        ["white", "black"],
+        np.array([0, 1 if differ == "shape" else 0]),
+    )
+    light = merged(sheets, CELL_M)
+    assert len(light.p_link) == 6
+    np.testing.assert_allclose(light.uv[light.faces], sheets.uv[sheets.faces])
+    np.testing.assert_allclose(light.normals[light.faces], sheets.normals[sheets.faces])
 
 
 def test_a_written_mesh_reads_back(hand: Triangles, tmp_path):
