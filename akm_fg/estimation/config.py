@@ -32,6 +32,7 @@ class DenseConfig:
     """Registration of keyframes' surfaces."""
 
     keyframes: int = 5  # as the paper
+    keyframes_alone: int = 10  # where no tracks help
     associations: int = 4  # rounds; the first gates take up what the tracks were off
     first_gate_m: float = 0.03
     gate_sigmas: float = 6.0  # of what the last round left
@@ -62,5 +63,6 @@ class FitConfig:
     undecided_below: float = 0.95  # probability a kind needs to be named
     systematic_share: float = 0.02  # of the travel: marker bias, flexing parts, play in the hinge
     camera_systematic_m: float = 1.5e-4  # of a recording: what no averaging removes (calibration)
+    surface_systematic_m: float = 5e-5  # the same of the surface's depth, along its normal
     systematic_modes: int = 4  # independent ways in which such errors bend what is seen
     parametric_p_value: float = 1e-3  # chi-square level below which no kind explains the data

@@ -18,7 +18,6 @@ from numpy.typing import NDArray
 
 from akm_fg.estimation.config import DenseConfig
 from akm_fg.estimation.initial_guess import JointGuess
-from akm_fg.estimation.laplace import KindFit
 from akm_fg.estimation.motion_fit import fit_to_motions
 from akm_fg.estimation.observations import DenseObservations, Scales
 from akm_fg.estimation.problem import FitProblem
@@ -26,6 +25,7 @@ from akm_fg.records import BoolArray, FloatArray
 from factors.dense_registration import DenseCost, PatchObservations, dense_cost, dense_information
 from factors.joint_motion import part_motion
 from factors.motion_information import MotionInformation, motion_information
+from factors.point_track import TrackObservations
 from factors.student_t import weight
 
 
@@ -89,46 +89,81 @@ def spread_by_state(q: FloatArray, count: int) -> NDArray[np.int_]:
 
 
 def register(
-    problem: FitProblem, fit: KindFit, source: SurfaceSource, as_one: float
+    problem: FitProblem,
+    guess: JointGuess,
+    scales: Scales,
+    source: SurfaceSource,
+    as_one: float,
 ) -> Registration | None:
-    """Associate the surface with the tracks' best joint, and refine both in turn.
+    """Associate the surface with a joint, and refine both in turn.
 
     Args:
-        problem: with the tracks alone.
-        fit: the best kind's fit of it.
+        problem: with its tracks, if any.
+        guess: the joint that explains them best, over the graph's frames.
+        scales: noise levels it was fitted with.
         source: of the keyframes' surfaces.
         as_one: observations of the tracks that count as one.
 
     Returns:
         None where the surface is not seen again in enough places.
     """
-    assert fit.T_world_joint is not None
     config = problem.config.dense
-    guess = JointGuess(fit.kind, fit.T_world_joint, fit.q, fit.pitch)
-    chosen = spread_by_state(fit.q, config.keyframes)
-    views = source.views(problem.keyframes[chosen], *_motion_of_all_frames(problem, guess))
+    count = config.keyframes if problem.has_tracks else config.keyframes_alone
+    chosen = spread_by_state(guess.q, count)
+    views = source.views(problem.keyframes[chosen].tolist(), *_motion_of_all_frames(problem, guess))
+    if not problem.has_tracks:  # a frame that nothing else sees has no state without a view
+        kept = chosen[np.isin(problem.keyframes[chosen], views.frames)]
+        problem, guess = restricted(problem, kept), restricted_guess(guess, kept)
     at = np.flatnonzero(np.isin(problem.keyframes, views.frames))
     if at.size < 2:
         return None
-    scales, gate_m = fit.scales, config.first_gate_m
+    gate_m = config.first_gate_m
     for _ in range(config.associations):
         R, t = part_motion(guess.kind, guess.T_world_joint, guess.q, guess.pitch)
         seen = views.associate(R[at], t[at], gate_m)
         if seen.patches.precision.shape[1] < config.min_patches:
             return None
         scales, cost = _dense_scale(seen.patches, R[at], t[at], scales, problem)
-        count = max(readings_as_one(cost, seen.patches, seen.uv) / as_one, 1e-3)
-        dense = DenseObservations(seen.patches, at, count, seen.uv)
+        together = max(readings_as_one(cost, seen.patches, seen.uv) / as_one, 1e-3)
+        dense = DenseObservations(seen.patches, at, together, seen.uv)
+        problem = _about_surface(problem, cost)
         motions = _motions(problem, R, t, dense, cost, scales)
         guess = fit_to_motions(guess, motions, problem.centroid_world, problem.config.prior).guess
-        typical_m = scales.dense / math.sqrt(
-            float(np.median(seen.patches.precision[seen.patches.seen]))
-        )
+        precision = np.median(seen.patches.precision[seen.patches.seen])
+        typical_m = scales.dense / math.sqrt(float(precision))
         gate_m = max(config.gate_sigmas * typical_m, config.least_gate_m)
     observations = replace(problem.observations, dense=dense)
     return Registration(
         replace(problem, observations=observations, motions=motions, start=scales), guess
     )
+
+
+def restricted(problem: FitProblem, frames: NDArray[np.int_]) -> FitProblem:
+    """A problem without tracks over some of its graph's frames (indices, the first is 0)."""
+    tracks = problem.observations.tracks
+    kept = TrackObservations(
+        tracks.p_world[frames], tracks.information_world[frames], tracks.observed[frames], 0.0
+    )
+    return replace(
+        problem,
+        keyframes=problem.keyframes[frames],
+        observations=replace(problem.observations, tracks=kept),
+        guesses=[restricted_guess(guess, frames) for guess in problem.guesses],
+        motions=None,
+    )
+
+
+def restricted_guess(guess: JointGuess, frames: NDArray[np.int_]) -> JointGuess:
+    """The guess over some of its frames, the first of them at state zero."""
+    return replace(guess, q=guess.q[frames] - guess.q[frames[0]])
+
+
+def _about_surface(problem: FitProblem, cost: DenseCost) -> FitProblem:
+    """The problem with the middle and size of the part's surface instead of its tracks'."""
+    x = cost.x_world[:, cost.weight.any(axis=0)]
+    centroid = x.mean(axis=1)
+    lever_m = math.sqrt(float(((x - centroid[:, None]) ** 2).sum(axis=0).mean()))
+    return replace(problem, centroid_world=centroid, lever_m=lever_m)
 
 
 def _motion_of_all_frames(

@@ -14,6 +14,7 @@ from akm_fg.estimation.observations import Observations
 from akm_fg.estimation.problem import FitProblem
 from akm_fg.estimation.rigid_motion import MIN_POINTS
 from akm_fg.records import FloatArray
+from factors.student_t import covariance_factor
 
 _NEGLIGIBLE = 0.05  # correlations below it do not matter; of few residuals, chance is larger
 _SOLVER_SHARE = 3e-3  # of the noise variance: what the solver's tolerances leave
@@ -87,6 +88,8 @@ def systematic_points(fit: KindFit, problem: FitProblem) -> float:
     modes add b^2 / m, whatever n is. The ratio of the two is what to count down by.
     """
     observed = problem.observations.tracks.observed
+    if not observed.any():
+        return 0.0
     variance = max(_noise_variance(fit, problem.observations), 1e-12)
     modes = problem.config.systematic_modes
     return float(observed.sum() * problem.systematic_m**2 / (modes * variance))
@@ -113,15 +116,63 @@ def _clipped(fit: KindFit, observations: Observations) -> FloatArray:
     return e * np.minimum(1.0, limit / np.maximum(d, 1e-12))[..., None]
 
 
-def temper(fit: KindFit, tau: float, systematic: float) -> KindFit:
+def systematic_readings(fit: KindFit, problem: FitProblem) -> float:
+    """The same of the dense patches' readings."""
+    dense = problem.observations.dense
+    if dense is None:
+        return 0.0
+    precision = dense.patches.precision[dense.patches.seen]
+    variance = fit.scales.dense**2 / float(np.median(precision))
+    modes = problem.config.systematic_modes
+    return float(precision.size * problem.config.surface_systematic_m**2 / (modes * variance))
+
+
+def temper(fit: KindFit, tau: float, problem: FitProblem) -> KindFit:
     """The fit with one in `tau` observations counted; the solution stays.
 
-    `systematic` (see `systematic_points`) widens the covariance alone: errors of that size bend
-    what is seen a little, but do not make a door of a drawer, as counting fewer observations
+    Systematic errors (see `systematic_points`) widen the covariance alone: errors of that size
+    bend what is seen a little, but do not make a door of a drawer, as counting fewer observations
     in the evidence would.
+
+    With the graph's information H = H_tracks + H_dense and true variances c times the claimed,
+    the covariance is H^-1 (c_tracks H_tracks + c_dense H_dense) H^-1 (the sandwich; Huber and
+    Ronchetti, Robust Statistics, 2009, sec. 3.2).
     """
-    factor = tau + systematic
-    return replace(fit, cov=fit.cov * factor, cov_factor=fit.cov_factor * factor, tau=tau)
+    of_tracks = fit.cov_factor * (tau + systematic_points(fit, problem))
+    cov = fit.cov / fit.cov_factor
+    dense = problem.observations.dense
+    if dense is None or fit.dense_cost is None:
+        return replace(fit, cov=cov * of_tracks, cov_factor=of_tracks, tau=tau)
+    d2 = fit.dense_cost.d2[dense.patches.seen] / dense.freedom()
+    of_dense = covariance_factor(d2, problem.config.dof, 1)
+    of_dense *= tau + systematic_readings(fit, problem) / dense.count_as_one
+    tracks = _positive(fit.information - fit.dense_information, np.diag(fit.information))
+    true = of_tracks * tracks + of_dense * fit.dense_information
+    return replace(fit, cov=cov @ true @ cov, cov_factor=of_tracks, tau=tau)
+
+
+def _positive(information: FloatArray, scale: FloatArray) -> FloatArray:
+    """A difference of informations without the negative eigenvalues that rounding leaves."""
+    d = np.sqrt(np.maximum(scale, 1e-300))
+    eigenvalues, vectors = np.linalg.eigh(information / np.outer(d, d))
+    clipped = (vectors * np.maximum(eigenvalues, 0.0)) @ vectors.T
+    return np.asarray(clipped * np.outer(d, d))
+
+
+def nested_screw(fits: list[KindFit], problem: FitProblem) -> list[KindFit]:
+    """A screw may only win by a pitch that systematic errors do not explain.
+
+    The hinge is the screw of pitch zero, so the ratio of their evidences is that of the pitch's
+    posterior to its prior density at zero (Dickey, 1971). The posterior with systematic errors
+    is wider than the likelihood alone would have it.
+    """
+    by_kind = {fit.kind: fit for fit in fits}
+    if not {"helical", "revolute"} <= by_kind.keys():
+        return fits
+    screw, sigma = by_kind["helical"], problem.config.prior.pitch_sigma_m_per_rad
+    at_zero = -0.5 * (screw.pitch / screw.pitch_sd) ** 2 - math.log(screw.pitch_sd / sigma)
+    excess = screw.log_evidence - (by_kind["revolute"].log_evidence - at_zero)
+    return [replace(f, log_nested=min(-excess, 0.0)) if f is screw else f for f in fits]
 
 
 def kind_probabilities(fits: list[KindFit], prior: PriorConfig) -> dict[str, float]:
@@ -142,6 +193,8 @@ def is_parametric(fit: KindFit, problem: FitProblem, tau: float) -> bool:
     part proportional to the travel: real parts flex and have play.
     """
     config, observed = problem.config, problem.observations.tracks.observed
+    if not observed.any():
+        return True  # nothing but planes: no noise level that needs no joint to compare with
     e2 = fit.squared_error_m2[observed]
     given = e2 / np.maximum(fit.d2[observed], 1e-300)
     systematic_m = config.systematic_share * problem.travel_m

@@ -7,9 +7,9 @@ from __future__ import annotations
 
 import time
 from contextlib import AbstractContextManager
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import cache
-from typing import cast
+from typing import Any, cast
 
 import numpy as np
 from threadpoolctl import ThreadpoolController
@@ -22,7 +22,7 @@ from akm_fg.estimation.evidence import (
     correlation_frames,
     is_parametric,
     kind_probabilities,
-    systematic_points,
+    nested_screw,
     temper,
 )
 from akm_fg.estimation.initial_guess import JointGuess
@@ -40,14 +40,25 @@ from akm_fg.estimation.problem import (
     NOMINAL_POSITION_M,
     FitProblem,
     problem_of_path,
+    problem_of_surface,
     problem_of_tracks,
 )
 from akm_fg.estimation.rigid_fit import fit_rigid
 from akm_fg.estimation.rigid_motion import MIN_POINTS
 from akm_fg.estimation.starts import Start, starts_of_part
 from akm_fg.estimation.states import states_of_all_frames
-from akm_fg.records import JointKind, PointTracks, PoseTrack
+from akm_fg.estimation.steps import Steps, to_end
+from akm_fg.records import FloatArray, JointKind, PointTracks, PoseTrack
 from factors.gauge import GAUGE_NAMES
+
+
+@dataclass(frozen=True, slots=True)
+class FittedKinds:
+    """The answer, and the solved graphs it was read off, for those who go on from there."""
+
+    posterior: ArticulationPosterior
+    fits: list[KindFit]
+    problem: FitProblem
 
 
 def fit_tracks(
@@ -122,38 +133,108 @@ def one_blas_thread() -> AbstractContextManager[object]:
     return _threads().limit(limits=1, user_api="blas")
 
 
+def fit_surface(
+    surface: SurfaceSource,
+    guess: JointGuess,
+    centroid_world: FloatArray,
+    tracks: PointTracks,
+    name: str = "surface",
+    config: FitConfig | None = None,
+    systematic_m: float = 0.0,
+) -> ArticulationPosterior:
+    """Fit all joint kinds to the surface of one part in keyframes, and to what tracks there are.
+
+    States of frames that neither a track nor a keyframe sees are NaN.
+
+    Args:
+        surface: dense views of the part in keyframes.
+        guess: a joint within the capture range of the registration (about 3 cm at the part).
+        centroid_world: (3,) roughly the middle of the part at state zero.
+        tracks: T frames of tracks of the part; N may be 0.
+        name: of the input, for the result.
+        config: tuning.
+        systematic_m: see `fit_tracks`.
+
+    Raises:
+        TracksLost: the surface is not seen again in enough places.
+        AxisUnobservable: no moving kind can be fitted.
+    """
+    config = config or FitConfig()
+    began = time.perf_counter()
+    with one_blas_thread():
+        problem = problem_of_surface(name, tracks, guess, centroid_world, config)
+        problem = replace(problem, systematic_m=systematic_m)
+        start = JointGuess(guess.kind, guess.T_world_joint, problem.guesses[0].q, guess.pitch)
+        registration = register(problem, start, problem.start, surface, 1.0)
+        if registration is None:
+            raise TracksLost(
+                f"{name}: the part's surface is not seen again in two keyframes; "
+                f"expected at least {config.dense.min_patches} patches of it"
+            )
+        problem = registration.problem
+        fits, warnings = to_end(_fit_kinds(problem, graph_problem(problem)))
+        return _posterior(fits, problem, (1.0, 1.0), warnings, began).posterior
+
+
 def _fit(
     problem: FitProblem, began: float, surface: SurfaceSource | None = None
 ) -> ArticulationPosterior:
+    return to_end(fit_in_steps(problem, began, surface)).posterior
+
+
+def fit_in_steps(
+    problem: FitProblem, began: float, surface: SurfaceSource | None = None
+) -> Steps[FittedKinds]:
+    """All kinds fitted and weighed, with a pause after every piece of work.
+
+    Raises:
+        AxisUnobservable: no moving kind can be fitted.
+    """
     graph = graph_problem(problem)
-    fits, warnings = _fit_kinds(problem, graph)
+    fits, warnings = yield from _fit_kinds(problem, graph)
     likeliest = max(fits, key=lambda fit: fit.log_likelihood)
     tau, visible = correlation_frames(likeliest, problem.observations)
     together = correlated_points(likeliest, problem.observations)
-    as_one, systematic = tau * together, systematic_points(likeliest, problem)
     if visible < 1.0:
         observations = replace(problem.observations, visible_share=visible)
         graph = replace(graph, observations=observations)
-        fits = [_refitted(fit, graph) for fit in fits]
+        for i, fit in enumerate(fits):
+            fits[i] = _refitted(fit, graph)
+            yield
         problem = replace(problem, observations=observations)
     if surface is not None and likeliest.T_world_joint is not None and problem.motions is not None:
-        registration = register(problem, likeliest, surface, as_one)
+        guess = JointGuess(likeliest.kind, likeliest.T_world_joint, likeliest.q, likeliest.pitch)
+        registration = register(problem, guess, likeliest.scales, surface, tau * together)
         if registration is not None:
             problem = registration.problem
-            fits, warnings = _fit_kinds(problem, graph_problem(problem))
-    fits = [_pointing_forward(temper(fit, as_one, systematic)) for fit in fits]
+            fits, warnings = yield from _fit_kinds(problem, graph_problem(problem))
+    return _posterior(fits, problem, (tau, together), warnings, began)
+
+
+def _posterior(
+    fits: list[KindFit],
+    problem: FitProblem,
+    correlation: tuple[float, float],
+    warnings: list[str],
+    began: float,
+) -> FittedKinds:
+    """Weigh the kinds; `correlation` is what errs together, in frames and in points."""
+    as_one = correlation[0] * correlation[1]
+    fits = [pointing_forward(temper(fit, as_one, problem)) for fit in fits]
+    fits = nested_screw(fits, problem)
     probability = kind_probabilities(fits, problem.config.prior)
     best = max(fits, key=lambda fit: probability[fit.kind])
     parametric = is_parametric(best, problem, as_one)
     decided = parametric and probability[best.kind] >= problem.config.undecided_below
-    return ArticulationPosterior(
+    posterior = ArticulationPosterior(
         name=problem.name,
         kind=cast(NamedKind, best.kind if decided else "undecided"),
         kind_probability=probability,
         alternatives={fit.kind: _kind_posterior(fit, problem) for fit in fits},
-        fit=_report(best, problem, (tau, together), parametric, tuple(warnings)),
+        fit=_report(best, problem, correlation, parametric, tuple(warnings)),
         time_s={"total": time.perf_counter() - began},
     )
+    return FittedKinds(posterior, fits, problem)
 
 
 def graph_problem(problem: FitProblem) -> GraphProblem:
@@ -168,10 +249,12 @@ def graph_problem(problem: FitProblem) -> GraphProblem:
     )
 
 
-def _fit_kinds(problem: FitProblem, graph: GraphProblem) -> tuple[list[KindFit], list[str]]:
+def _fit_kinds(problem: FitProblem, graph: GraphProblem) -> Steps[tuple[list[KindFit], list[str]]]:
     """Every kind that can be fitted, and why the others cannot."""
     if problem.motions is not None:
-        moving, reasons = _fit_part(starts_of_part(problem, problem.motions), graph)
+        starts = starts_of_part(problem, problem.motions)
+        yield
+        moving, reasons = yield from _fit_part(starts, graph)
     else:
         moving, reasons = _fit_path(problem.guesses, graph)
     if not moving:
@@ -179,7 +262,7 @@ def _fit_kinds(problem: FitProblem, graph: GraphProblem) -> tuple[list[KindFit],
     return [fit_rigid(graph), *moving], reasons
 
 
-def _fit_part(starts: list[Start], graph: GraphProblem) -> tuple[list[KindFit], list[str]]:
+def _fit_part(starts: list[Start], graph: GraphProblem) -> Steps[tuple[list[KindFit], list[str]]]:
     """Graphs of kinds that start at their best joint; those out of the race stay there."""
     fits, reasons = [], []
     for start in starts:
@@ -188,6 +271,7 @@ def _fit_part(starts: list[Start], graph: GraphProblem) -> tuple[list[KindFit], 
             fits.append(fit_kind(start.guess, graph, effort="full" if in_race else "none"))
         except AxisUnobservable as error:
             reasons.append(str(error))
+        yield
     return fits, reasons
 
 
@@ -220,7 +304,7 @@ def _refitted(fit: KindFit, graph: GraphProblem) -> KindFit:
     return fit_kind(JointGuess(fit.kind, fit.T_world_joint, fit.q, fit.pitch), graph, fit)
 
 
-def _pointing_forward(fit: KindFit) -> KindFit:
+def pointing_forward(fit: KindFit) -> KindFit:
     """The same joint with its axis along growing states."""
     if fit.T_world_joint is None or fit.q.mean() >= 0:
         return fit
@@ -246,7 +330,14 @@ def _kind_posterior(fit: KindFit, problem: FitProblem) -> KindPosterior:
     if fit.T_world_joint is None:
         return KindPosterior(None, None, fit.evidence)
     mean, sd = states_of_all_frames(fit, problem.points, problem.keyframes, problem.config)
-    joint = JointPosterior(
+    states = StatePosterior("m" if fit.kind == "prismatic" else "rad", mean, sd)
+    return KindPosterior(joint_posterior(fit), states, fit.evidence)
+
+
+def joint_posterior(fit: KindFit) -> JointPosterior:
+    """Joint and covariance of a solved moving kind."""
+    assert fit.T_world_joint is not None
+    return JointPosterior(
         kind=cast(JointKind, fit.kind),
         T_world_joint=fit.T_world_joint,
         cov=fit.joint_cov,
@@ -254,8 +345,6 @@ def _kind_posterior(fit: KindFit, problem: FitProblem) -> KindPosterior:
         pitch_m_per_rad=fit.pitch if fit.kind == "helical" else None,
         pitch_sd_m_per_rad=fit.pitch_sd if fit.kind == "helical" else None,
     )
-    states = StatePosterior("m" if fit.kind == "prismatic" else "rad", mean, sd)
-    return KindPosterior(joint, states, fit.evidence)
 
 
 def _report(
@@ -267,14 +356,33 @@ def _report(
 ) -> FitReport:
     observed = problem.observations.tracks.observed
     unit = 1.0 if problem.observations.noise_known else NOMINAL_POSITION_M
+    surface = _surface_report(best, problem, correlation[0] * correlation[1])
+    rms_m = surface.get("patches_rms_m", 0.0)
+    if observed.any():
+        rms_m = float(np.sqrt(best.squared_error_m2[observed].mean()))
     return FitReport(
         log_evidence=best.log_evidence,
         tracks_used=int(observed.any(axis=0).sum()),
         tracks_rejected=problem.tracks_rejected,
-        rms_m=float(np.sqrt(best.squared_error_m2[observed].mean())),
+        rms_m=rms_m,
         noise_scale=best.scales.track * unit,
         correlation_frames=correlation[0],
         correlation_points=correlation[1],
         parametric=parametric,
         warnings=warnings,
+        **surface,
     )
+
+
+def _surface_report(best: KindFit, problem: FitProblem, as_one: float) -> dict[str, Any]:
+    """The fields of `FitReport` on the surface; empty without one."""
+    dense = problem.observations.dense
+    if dense is None or best.dense_cost is None:
+        return {}
+    seen = dense.patches.seen
+    return {
+        "keyframes_registered": tuple(int(k) for k in problem.keyframes[dense.frames]),
+        "patches_used": int(seen.any(axis=0).sum()),
+        "patches_rms_m": float(np.sqrt((best.dense_cost.e[seen] ** 2).mean())),
+        "patches_as_one": dense.count_as_one * as_one,
+    }

@@ -57,6 +57,11 @@ def guesses_from_motion(motion: RigidMotion) -> list[JointGuess]:
     return guesses
 
 
+def drawer_along(path: FloatArray) -> JointGuess:
+    """The drawer whose centroid walks along a path (T, 3)."""
+    return _straight(path, np.ones(len(path), dtype=bool))[0]
+
+
 def guesses_from_path(path: FloatArray, known: BoolArray) -> list[JointGuess]:
     """Starts of both kinds from the path (T, 3) of one point."""
     points = path[known]

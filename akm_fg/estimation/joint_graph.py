@@ -191,7 +191,9 @@ def _initial_values(guess: JointGuess, observations: Observations) -> gtsam.Valu
 def _start_scales(guess: JointGuess, values: gtsam.Values, problem: GraphProblem) -> Scales:
     """The problem's, or larger where the guess leaves larger errors: a kind that does not fit."""
     observations, start = problem.observations, problem.start
-    track = T_OVER_NORMAL * math.sqrt(guess_cost(guess, observations) / CHI2_MEDIAN)
+    track = start.track
+    if observations.tracks.observed.any():
+        track = T_OVER_NORMAL * math.sqrt(guess_cost(guess, observations) / CHI2_MEDIAN)
     orientation = start.orientation_rad
     if observations.R_world_part is not None:
         R_ref = values.atRot3(REFERENCE).matrix()
@@ -323,7 +325,7 @@ def _posterior(
     )
     freedom = observations.freedom(fitted)
     d2 = cost.d2[observations.tracks.observed] / freedom
-    factor = covariance_factor(d2, config.dof, 3)
+    factor = covariance_factor(d2, config.dof, 3) if d2.size else 1.0
     return KindFit(
         kind=kind,
         T_world_joint=T,

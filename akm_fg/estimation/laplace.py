@@ -44,6 +44,7 @@ class KindFit:
     pitch: float  # of a helical joint, metres per radian
     dense_cost: DenseCost | None
     freedom: float  # share of the observations' numbers left after the fit
+    log_nested: float = 0.0  # see `akm_fg.estimation.evidence.nested_screw`
 
     @property
     def log_evidence(self) -> float:
@@ -65,6 +66,7 @@ class KindFit:
             log_states=(self.log_frames - self.log_likelihood) / self.tau,
             log_joint_prior=self.log_prior,
             log_joint_volume=0.5 * fitted * math.log(2 * math.pi * self.tau) - 0.5 * self.log_det,
+            log_nested=self.log_nested,
         )
 
     @property

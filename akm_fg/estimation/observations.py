@@ -52,12 +52,19 @@ class Observations:
         """T."""
         return int(self.tracks.observed.shape[0])
 
+    @property
+    def numbers(self) -> float:
+        """How many numbers were observed, dense readings as often as they count."""
+        dense = self.dense
+        readings = 0.0 if dense is None else float(dense.patches.seen.sum()) / dense.count_as_one
+        return 3.0 * int(self.tracks.observed.sum()) + readings
+
     def freedom(self, fitted: int) -> float:
         """Share of the observed numbers left after fitting `fitted` and the latent points."""
         observed = self.tracks.observed
         n = 3 * int(observed.sum()) + (0 if self.R_world_part is None else 3 * self.frames)
         latent = 3 * int(observed.any(axis=0).sum())
-        return max(1 - (fitted + latent) / n, 0.05)
+        return max(1 - (fitted + latent) / max(n, 1), 0.05)
 
 
 @dataclass(frozen=True, slots=True)

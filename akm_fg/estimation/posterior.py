@@ -88,11 +88,13 @@ class Evidence:
     log_states: float  # prior density of the states times the width the data leave them
     log_joint_prior: float  # prior density of the joint's frame and pitch
     log_joint_volume: float  # width that the data leave joint and latent points
+    log_nested: float = 0.0  # what systematic errors take from a screw's lead over its hinge
 
     @property
     def total(self) -> float:
         """Log evidence."""
-        return self.log_likelihood + self.log_states + self.log_joint_prior + self.log_joint_volume
+        joint = self.log_joint_prior + self.log_joint_volume + self.log_nested
+        return self.log_likelihood + self.log_states + joint
 
 
 @dataclass(frozen=True, slots=True)
@@ -116,12 +118,16 @@ class FitReport:
     log_evidence: float
     tracks_used: int
     tracks_rejected: int
-    rms_m: float  # of the inliers' residuals
+    rms_m: float  # of the inliers' residuals; of the surface's where there are no tracks
     noise_scale: float  # estimated over assumed noise; metres where no noise was given
     correlation_frames: float  # integrated autocorrelation time of the residuals
     correlation_points: float  # neighbouring points that err together
     parametric: bool  # False when no kind explains the data
     warnings: tuple[str, ...] = ()
+    keyframes_registered: tuple[int, ...] = ()  # frames whose surfaces are in the graph
+    patches_used: int = 0  # of the part's surface
+    patches_rms_m: float | None = None  # of their readings, along the normals
+    patches_as_one: float | None = None  # neighbouring readings that err together
 
 
 @dataclass(frozen=True, slots=True)

@@ -9,7 +9,12 @@ from numpy.typing import NDArray
 
 from akm_fg.errors import TracksLost
 from akm_fg.estimation.config import FitConfig
-from akm_fg.estimation.initial_guess import JointGuess, guesses_from_motion, guesses_from_path
+from akm_fg.estimation.initial_guess import (
+    JointGuess,
+    drawer_along,
+    guesses_from_motion,
+    guesses_from_path,
+)
 from akm_fg.estimation.observations import (
     T_OVER_NORMAL,
     Observations,
@@ -19,6 +24,7 @@ from akm_fg.estimation.observations import (
 from akm_fg.estimation.path import local_noise, select_keyframes
 from akm_fg.estimation.rigid_motion import MIN_POINTS, RigidMotion, free_rigid_motion
 from akm_fg.records import FloatArray, PointTracks
+from factors.joint_motion import part_motion
 from factors.motion_information import MotionInformation, latent_points, motion_information
 from factors.point_track import TrackObservations
 
@@ -45,7 +51,13 @@ class FitProblem:
     tracks_rejected: int
     config: FitConfig
     motions: MotionInformation | None  # free motions over the keyframes; None for a path
-    systematic_m: float = 0.0  # errors of the sensor that no averaging removes
+    systematic_m: float = 0.0  # errors of the tracks that no averaging removes
+    members: NDArray[np.int_] | None = None  # (N,) which of the given tracks count; None: all
+
+    @property
+    def has_tracks(self) -> bool:
+        """Whether any point track counts."""
+        return self.observations.tracks.observed.shape[1] > 0
 
 
 def problem_of_tracks(
@@ -86,7 +98,8 @@ def problem_of_tracks(
         tracks_rejected=int((~motion.inlier).sum()),
         config=config,
     )
-    return _with_motions(problem, motion)
+    members = np.flatnonzero(motion.inlier & tracks.observed[keyframes].any(axis=0))
+    return _with_motions(replace(problem, members=members), motion)
 
 
 def _with_motions(problem: FitProblem, motion: RigidMotion) -> FitProblem:
@@ -142,6 +155,36 @@ def problem_of_path(
         travel_m=travel_m,
         tracks_rejected=0,
         config=replace(config, prior=prior),
+    )
+
+
+def problem_of_surface(
+    name: str, tracks: PointTracks, guess: JointGuess, centroid_world: FloatArray, config: FitConfig
+) -> FitProblem:
+    """A joint known roughly, and what tracks there are of its part (may be none): for `register`.
+
+    Args:
+        name: of the input.
+        tracks: T frames of the part's tracks.
+        guess: over the T frames.
+        centroid_world: (3,) roughly the middle of the part at state zero.
+        config: tuning.
+    """
+    R, t = part_motion(guess.kind, guess.T_world_joint, guess.q, guess.pitch)
+    path = R @ centroid_world + t
+    frames = np.arange(guess.q.size)
+    return _problem(
+        name=name,
+        points=tracks,
+        R_world_part=None,
+        keyframes=select_keyframes(path, frames, config.max_frames),
+        guesses=[guess, drawer_along(path)],
+        noise=(True, T_OVER_NORMAL, 1.0, 0.0),
+        centroid_world=centroid_world,
+        lever_m=0.0,
+        travel_m=float(np.linalg.norm(path - path[0], axis=1).max()),
+        tracks_rejected=0,
+        config=config,
     )
 
 

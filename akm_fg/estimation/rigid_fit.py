@@ -30,8 +30,10 @@ def fit_rigid(problem: GraphProblem) -> KindFit:
     R_ref = None if R is None else robust_mean_orientation(R)
     errors = orientation_errors("prismatic", still, q, R_ref, observations)
     still_guess = JointGuess("prismatic", still, q)
-    track = T_OVER_NORMAL * math.sqrt(guess_cost(still_guess, observations) / CHI2_MEDIAN)
-    scales, x = replace(problem.start, track=max(track, problem.start.track)), None
+    scales, x = problem.start, None
+    if observations.tracks.observed.any():
+        track = T_OVER_NORMAL * math.sqrt(guess_cost(still_guess, observations) / CHI2_MEDIAN)
+        scales = replace(scales, track=max(track, scales.track))
     for _ in range(config.scale_iterations):
         cost = track_cost("prismatic", still, q, observations.tracks, config.dof, scales.track, x)
         dense = patches_cost(JointGuess("prismatic", still, q), problem, scales)

@@ -35,7 +35,7 @@ def starts_of_part(problem: FitProblem, motions: MotionInformation) -> list[Star
     solved = hinge.guess
     screw = _fit(JointGuess("helical", solved.T_world_joint, solved.q), problem, motions)
     fits = [drawer, hinge, screw]
-    n = 3 * int(problem.observations.tracks.observed.sum())
+    n = problem.observations.numbers
     least = min(fit.twice_cost for fit in fits)
     behind = [0.5 * n * math.log1p(max(fit.twice_cost - least, 0.0) / n) for fit in fits]
     gain = (hinge.twice_cost - screw.twice_cost) / 2

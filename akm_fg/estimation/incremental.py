@@ -1,0 +1,334 @@
+"""Frames one at a time: after each, joint and state as far as they are known.
+
+Every frame gets its state at once, the joint held. A frame where the part has not been yet becomes
+a keyframe, and the leading kind's graph is solved on from where it was; any other frame is pooled
+into the keyframe it is near (see `akm_fg.estimation.keyframes`), so that nothing it says on the
+joint is lost and memory and time stay bounded. When enough has come in, all kinds are fitted anew
+from the keyframes, exactly as `fit_tracks` would, a piece of that work a frame.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from akm_fg.errors import InsufficientData, TracksLost
+from akm_fg.estimation.config import FitConfig
+from akm_fg.estimation.fit import joint_posterior, one_blas_thread
+from akm_fg.estimation.keyframes import Keyframes, StreamFrame
+from akm_fg.estimation.kind_comparison import (
+    Comparison,
+    Snapshot,
+    StreamSettings,
+    compare_kinds,
+)
+from akm_fg.estimation.leading_kind import LeadingKind
+from akm_fg.estimation.posterior import ArticulationPosterior, JointPosterior, NamedKind
+from akm_fg.estimation.rigid_motion import MIN_POINTS
+from akm_fg.estimation.steps import Steps, to_end
+from akm_fg.records import BoolArray, FloatArray, PointTracks
+
+
+@dataclass(frozen=True, slots=True)
+class IncrementalConfig:
+    """How much is kept, and how often it is thought over."""
+
+    fit: FitConfig = field(default_factory=FitConfig)
+    max_keyframes: int = 40  # a graph of so many is solved on within half a camera's period
+    max_pooled: int = 16  # frames that a keyframe may stand for
+    max_tracks: int = 400  # beyond them, those lost are forgotten, the least seen first
+    noise_floor: float = 1.5  # standard deviations of noise within which two places are one
+    growth_to_solve: float = 0.05  # share of new frames after which the leading kind is solved on
+    growth_to_compare: float = 0.15  # and after which all kinds are compared again
+
+
+@dataclass(frozen=True, slots=True)
+class FrameUpdate:
+    """What is known after a frame. The kinds' probabilities are those of the last comparison."""
+
+    number: int  # of the frame, from 0
+    stamp_s: float | None
+    is_keyframe: bool
+    kind: NamedKind
+    kind_probability: dict[str, float]  # empty before the first comparison
+    joint: JointPosterior | None  # of the most probable kind; None while that is rigid
+    state: float | None  # of this frame, metres or radians; None where it is not seen
+    state_sd: float | None
+    keyframes: int
+    warning: str | None  # why kinds could not be fitted or solved on, of the last attempt
+
+
+class IncrementalFit:
+    """Fits all joint kinds to tracked points of one part, frame by frame.
+
+    Args:
+        name: of the stream, for the result.
+        noise_known: False when the covariances are only nominal and the level must be found.
+        seed: of the consensus sampling.
+        config: tuning.
+        systematic_m: see `fit_tracks`.
+
+    Raises:
+        ValueError: more keyframes than the graph of a fit takes, or fewer than three.
+    """
+
+    def __init__(
+        self,
+        name: str = "stream",
+        noise_known: bool = True,
+        seed: int = 0,
+        config: IncrementalConfig | None = None,
+        systematic_m: float = 0.0,
+    ) -> None:
+        self._config = config = config or IncrementalConfig()
+        if not 3 <= config.max_keyframes <= config.fit.max_frames:
+            raise ValueError(
+                f"max_keyframes {config.max_keyframes}, expected 3 to {config.fit.max_frames}"
+            )
+        self._keyframes = Keyframes(
+            config.max_keyframes, config.max_pooled, config.fit.rigid_motion.inlier_sigmas
+        )
+        self._settings = StreamSettings(name, noise_known, seed, systematic_m, config.fit)
+        self._ids = np.zeros(0, dtype=int)  # of the tracks kept, the caller's indices
+        self._tracks = 0  # of the caller
+        self._frames, self._stamp_s, self._version = 0, -np.inf, 0
+        self._lead: LeadingKind | None = None
+        self._states: dict[int, float] = {}  # of the keyframes, under the leading kind
+        self._solved_total = self._compared_total = 0
+        self._comparing: Steps[Comparison] | None = None
+        self._compared: Comparison | None = None
+        self._warning: str | None = None
+
+    @property
+    def keyframes(self) -> tuple[int, ...]:
+        """Numbers of the frames kept, growing."""
+        return tuple(self._keyframes.numbers.tolist())
+
+    @property
+    def keyframe_tracks(self) -> PointTracks:
+        """What is kept: K keyframes, each the average of the frames pooled into it.
+
+        Raises:
+            TracksLost: no frame has been seen yet.
+        """
+        if not self._keyframes.frames:
+            raise TracksLost(f"{self._settings.name}: no frame with {MIN_POINTS} tracks yet")
+        return self._keyframes.tracks()
+
+    def add(
+        self, p_world: FloatArray, cov_world: FloatArray, stamp_s: float | None = None
+    ) -> FrameUpdate:
+        """Take in the next frame.
+
+        Args:
+            p_world: (N, 3) metres, NaN where a track is lost; N may grow from frame to frame.
+            cov_world: (N, 3, 3) m^2, of the observed points.
+            stamp_s: time of the frame, if known; must grow.
+
+        Raises:
+            ValueError: shapes that do not match, fewer tracks than before, covariances that are
+                not positive definite, or a stamp that does not grow.
+        """
+        self._check(p_world, cov_world, stamp_s)
+        frame = self._taken_in(p_world, cov_world)
+        with one_blas_thread():
+            state, is_keyframe = self._placed(frame)
+            if is_keyframe and self._lead is not None:
+                state = self._solved_on(frame.number) or state
+            self._think(is_keyframe)
+        return self._update(frame, stamp_s, is_keyframe, state)
+
+    def posterior(self) -> ArticulationPosterior:
+        """All kinds compared over the keyframes as they are now; states are the keyframes'.
+
+        The same as `fit_tracks` of `keyframe_tracks`, but for the states' deviations: the state
+        of a pooled keyframe is known as well as its first frame alone tells it.
+
+        Raises:
+            TracksLost: fewer than two keyframes, or too few tracks of one rigid part.
+            AxisUnobservable: no moving kind can be fitted; names the open direction.
+        """
+        with one_blas_thread():
+            if self._compared is None or self._compared.version != self._version:
+                self._publish(to_end(compare_kinds(self._snapshot(), self._settings)))
+        assert self._compared is not None
+        return self._compared.posterior()
+
+    def _check(self, p_world: FloatArray, cov_world: FloatArray, stamp_s: float | None) -> None:
+        if p_world.ndim != 2 or p_world.shape[1] != 3 or cov_world.shape != (*p_world.shape, 3):
+            raise ValueError(
+                f"frame {self._frames}: points {p_world.shape} and covariances "
+                f"{cov_world.shape}, expected (N, 3) and (N, 3, 3)"
+            )
+        if p_world.shape[0] < self._tracks:
+            raise ValueError(
+                f"frame {self._frames}: {p_world.shape[0]} tracks after {self._tracks}; expected "
+                "at least as many, NaN where a track is lost"
+            )
+        cov = cov_world[np.isfinite(p_world).all(axis=1)]
+        if not np.isfinite(cov).all() or not (np.linalg.eigvalsh(cov) > 0).all():
+            raise ValueError(f"frame {self._frames}: a covariance is not positive definite")
+        if stamp_s is not None and not stamp_s > self._stamp_s:
+            raise ValueError(
+                f"frame {self._frames}: stamp {stamp_s} s after {self._stamp_s} s; expected to grow"
+            )
+        self._stamp_s = self._stamp_s if stamp_s is None else stamp_s
+
+    def _taken_in(self, p_world: FloatArray, cov_world: FloatArray) -> StreamFrame:
+        """The frame in the columns of the kept tracks, new ones among them."""
+        seen = np.flatnonzero(np.isfinite(p_world).all(axis=1))
+        fresh = np.setdiff1d(seen, self._ids)
+        if fresh.size:
+            self._make_room(seen, fresh.size)
+            old = self._ids.size
+            self._ids = np.concatenate([self._ids, fresh])
+            self._keyframes.select_columns(np.arange(old), self._ids.size)
+        p, cov = np.full((self._ids.size, 3), np.nan), np.full((self._ids.size, 3, 3), np.nan)
+        here = np.isin(self._ids, seen)
+        p[here], cov[here] = p_world[self._ids[here]], cov_world[self._ids[here]]
+        number, self._frames, self._tracks = self._frames, self._frames + 1, p_world.shape[0]
+        return StreamFrame(number, p, cov)
+
+    def _make_room(self, seen: NDArray[np.int_], fresh: int) -> None:
+        """Forget lost tracks beyond the limit, those in the fewest keyframes first."""
+        lost = np.flatnonzero(~np.isin(self._ids, seen))
+        surplus = min(self._ids.size + fresh - self._config.max_tracks, lost.size)
+        if surplus <= 0:
+            return
+        count = self._keyframes.tracks().observed.sum(axis=0)
+        forgotten = lost[np.argsort(count[lost], kind="stable")[:surplus]]
+        kept = np.setdiff1d(np.arange(self._ids.size), forgotten)
+        self._ids = self._ids[kept]
+        self._keyframes.select_columns(kept, kept.size)
+        self._version += 1
+
+    def _placed(self, frame: StreamFrame) -> tuple[tuple[float, float] | None, bool]:
+        """State and deviation of a frame that becomes a keyframe (True) or is pooled into one."""
+        if frame.observed.sum() < MIN_POINTS:
+            return None, False
+        keyframes, lead = self._keyframes, self._lead
+        if not keyframes.frames:
+            keyframes.add(frame, np.zeros(0), self._motion, 1.0)
+            self._states[frame.number] = 0.0
+            self._version += 1
+            return None, True
+        scale = 1.0 if lead is None else lead.scale
+        distance, noise = keyframes.distances(frame, self._members(frame), scale)
+        state = self._state(frame, int(np.argmin(distance)))
+        if state is not None:
+            self._states[frame.number] = state[0]
+        elif lead is not None:
+            return None, False
+        nearest = 1 + int(np.argmin(distance[1:])) if distance.size > 1 else 0
+        least = self._config.noise_floor * noise[nearest]
+        if len(keyframes.frames) == self._config.max_keyframes:
+            least = max(least, keyframes.least_distance_m())
+        is_keyframe = nearest == 0 or bool(distance[nearest] > least)
+        if is_keyframe:
+            keyframes.add(frame, distance, self._motion, scale)
+        else:
+            there = frame.moved(*self._motion(frame.number, keyframes.frames[nearest].number))
+            keyframes.pool(nearest, there, scale)
+        kept = set(keyframes.numbers.tolist())
+        self._states = {n: q for n, q in self._states.items() if n in kept}
+        self._version += 1
+        return state, is_keyframe
+
+    def _members(self, frame: StreamFrame) -> BoolArray:
+        """(N,) tracks that tell how far the part is: those known to be its, where enough are."""
+        if self._lead is not None:
+            members = np.isin(self._ids, self._lead.ids)
+            if (members & frame.observed).sum() >= MIN_POINTS:
+                return np.asarray(members)
+        return np.ones(self._ids.size, dtype=bool)
+
+    def _state(self, frame: StreamFrame, nearest: int) -> tuple[float, float] | None:
+        if self._lead is None:
+            return None
+        start = self._states.get(self._keyframes.frames[nearest].number, 0.0)
+        return self._lead.state(frame, self._ids, start)
+
+    def _motion(self, number_from: int, number_to: int) -> tuple[FloatArray, FloatArray]:
+        """Of the part between two frames; none as long as no kind of motion leads."""
+        known = number_from in self._states and number_to in self._states
+        if self._lead is None or not known:
+            return np.eye(3), np.zeros(3)
+        return self._lead.motion(self._states[number_from], self._states[number_to])
+
+    def _solved_on(self, number: int | None = None) -> tuple[float, float] | None:
+        """Solve the leading kind with the keyframes as they are; state of the one asked for."""
+        assert self._lead is not None
+        self._solved_total = self._keyframes.total
+        try:
+            self._lead = lead = self._lead.solved_on(self._keyframes, self._ids, self._states)
+        except InsufficientData as error:
+            self._warning = str(error)
+            return None
+        self._states |= zip(lead.numbers.tolist(), lead.fit.q.tolist(), strict=True)
+        if number is None or number not in lead.numbers:
+            return None
+        place = int(np.searchsorted(lead.numbers, number))
+        return float(lead.fit.q[place]), float(lead.fit.state_sd[place])
+
+    def _think(self, is_keyframe: bool) -> None:
+        """One piece of comparing the kinds, if there is reason to; else solve on, if due."""
+        total, config = self._keyframes.total, self._config
+        if self._comparing is None:
+            due = total > (1 + config.growth_to_compare) * self._compared_total
+            if len(self._keyframes.frames) > 1 and (due or (is_keyframe and self._lead is None)):
+                self._compared_total = total
+                self._comparing = compare_kinds(self._snapshot(), self._settings)
+        if self._comparing is not None:
+            self._compare_on(self._comparing)
+        elif self._lead is not None and not is_keyframe:
+            if total > (1 + config.growth_to_solve) * self._solved_total:
+                self._solved_on()
+
+    def _compare_on(self, comparing: Steps[Comparison]) -> None:
+        try:
+            next(comparing)
+        except StopIteration as end:
+            self._publish(end.value)
+        except InsufficientData as error:
+            self._comparing, self._warning = None, str(error)
+
+    def _publish(self, compared: Comparison) -> None:
+        self._comparing, self._compared, self._warning = None, compared, None
+        self._lead = LeadingKind.of(compared)
+        self._states = {}
+        if self._lead is not None:
+            self._states = self._lead.states(self._keyframes, self._ids)
+            self._solved_total = 0  # its keyframes may be some frames old
+
+    def _snapshot(self) -> Snapshot:
+        keyframes = self._keyframes
+        return Snapshot(
+            self.keyframe_tracks,
+            self._ids,
+            keyframes.numbers,
+            np.array(keyframes.counts),
+            self._version,
+        )
+
+    def _update(
+        self,
+        frame: StreamFrame,
+        stamp_s: float | None,
+        is_keyframe: bool,
+        state: tuple[float, float] | None,
+    ) -> FrameUpdate:
+        posterior = None if self._compared is None else self._compared.fitted.posterior
+        return FrameUpdate(
+            number=frame.number,
+            stamp_s=stamp_s,
+            is_keyframe=is_keyframe,
+            kind="undecided" if posterior is None else posterior.kind,
+            kind_probability={} if posterior is None else posterior.kind_probability,
+            joint=None if self._lead is None else joint_posterior(self._lead.fit),
+            state=None if state is None else state[0],
+            state_sd=None if state is None else state[1],
+            keyframes=len(self._keyframes.frames),
+            warning=self._warning,
+        )
