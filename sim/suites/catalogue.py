@@ -19,6 +19,7 @@ from sim.suites.furniture_spec import (
     FurnitureSpec,
     Hinge,
     SizeRanges,
+    Slot,
     sample_furniture,
 )
 
@@ -79,16 +80,15 @@ class Suite:
         kind, number = name.rsplit("-", 1)
         door, i = kind == "door", int(number) - 1
         family, hinge = DOORS[i % len(DOORS)] if door else (DRAWERS[i % len(DRAWERS)], None)
-        return sample_furniture(
+        slot = Slot(
             name=f"{self.name}/{name}",
             key=(self.seed, int(door), i),
             split=self.split,
             family=family,
             hinge=hinge,
             plain=bool(self._plain(door)[i]),
-            ranges=self.ranges,
-            seed=seed,
         )
+        return sample_furniture(slot, self.ranges, seed)
 
     def _plain(self, door: bool) -> np.ndarray:
         """(n,) which doors or drawers are plain: exactly PLAIN_SHARE of them, at random."""

@@ -81,54 +81,71 @@ class SizeRanges:
     flap_height: tuple[float, float]
 
 
-def sample_furniture(
-    name: str,
-    key: tuple[int, ...],
-    split: str,
-    family: Family,
-    hinge: Hinge | None,
-    plain: bool,
-    ranges: SizeRanges,
-    seed: int,
-) -> FurnitureSpec:
-    """Draws a piece of furniture from its key, and its scale from the seed.
+@dataclass(frozen=True, slots=True)
+class Slot:
+    """An object's place in its suite: all that is not drawn at random."""
 
-    Masses are those of board of 12 to 18 kg/m^2 and steel sheet; slides rub with 2 to 8 N,
-    hinges with 0.2 to 1 N m, damped ones up to 20 N s/m and 2 N m s/rad.
-    """
+    name: str  # SUITE/NAME
+    key: tuple[int, ...]
+    split: str
+    family: Family
+    hinge: Hinge | None  # None for a drawer
+    plain: bool
+
+
+def sample_furniture(slot: Slot, ranges: SizeRanges, seed: int) -> FurnitureSpec:
+    """Draws a piece of furniture from its slot's key, and its scale from the seed."""
+    key, family, hinge = slot.key, slot.family, slot.hinge
     rng = np.random.default_rng(key)
-    prismatic = hinge is None
     size, rows, columns, part_at = _layout(family, hinge, ranges, rng)
     scale = float(np.random.default_rng([*key, seed]).uniform(0.9, 1.1))
-    upper = float(rng.uniform(RANGE_MIN_M, 0.46) if prismatic else rng.uniform(1.05, 1.75))
+    upper = float(rng.uniform(RANGE_MIN_M, 0.46) if hinge is None else rng.uniform(1.05, 1.75))
     size = size * scale
-    if prismatic:
+    if hinge is None:
         size[1] = max(size[1], upper + DRAWER_BACK_M + 0.06)
+    wall_m = float(rng.uniform(0.012, 0.02))
+    handle = _sample_handle(family, hinge, rng)
+    finish = _sample_finish(family, slot.plain, rng)
     area = float(size[0] * columns[part_at[1]] * size[2] * rows[part_at[0]])
-    light = 2.0 if prismatic else 0.5  # of what the front carries behind it
+    mass_kg, damping, friction, handle_mu = _sample_physics(area, hinge, rng)
     return FurnitureSpec(
-        name=name,
+        name=slot.name,
         seed=seed,
         key=key,
-        split=split,
+        split=slot.split,
         family=family,
-        kind="prismatic" if prismatic else "revolute",
+        kind="prismatic" if hinge is None else "revolute",
         hinge=hinge,
         size_m=size,
         scale=scale,
         rows=rows,
         columns=columns,
         part_at=part_at,
-        wall_m=float(rng.uniform(0.012, 0.02)),
-        handle=_sample_handle(family, hinge, rng),
-        plain=plain,
-        finish=_sample_finish(family, plain, rng),
-        mass_kg=light + area * float(rng.uniform(12.0, 18.0)),
-        damping=float(rng.uniform(3.0, 20.0) if prismatic else rng.uniform(0.3, 2.0)),
-        friction=float(rng.uniform(2.0, 8.0) if prismatic else rng.uniform(0.2, 1.0)),
+        wall_m=wall_m,
+        handle=handle,
+        plain=slot.plain,
+        finish=finish,
+        mass_kg=mass_kg,
+        damping=damping,
+        friction=friction,
         upper=upper,
-        handle_mu=float(rng.uniform(0.7, 1.0)),
+        handle_mu=handle_mu,
     )
+
+
+def _sample_physics(
+    area_m2: float, hinge: Hinge | None, rng: np.random.Generator
+) -> tuple[float, float, float, float]:
+    """Mass of the part, damping, Coulomb friction of its joint, friction of its handle.
+
+    Masses are those of board of 12 to 18 kg/m^2 and what hangs on it; slides rub with 2 to 8 N,
+    hinges with 0.2 to 1 N m, damped ones with up to 20 N s/m and 2 N m s/rad.
+    """
+    drawer = hinge is None
+    mass_kg = (2.0 if drawer else 0.5) + area_m2 * rng.uniform(12.0, 18.0)
+    damping = rng.uniform(3.0, 20.0) if drawer else rng.uniform(0.3, 2.0)
+    friction = rng.uniform(2.0, 8.0) if drawer else rng.uniform(0.2, 1.0)
+    return float(mass_kg), float(damping), float(friction), float(rng.uniform(0.7, 1.0))
 
 
 _Layout = tuple[FloatArray, tuple[float, ...], tuple[float, ...], tuple[int, int]]
