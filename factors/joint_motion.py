@@ -128,6 +128,13 @@ def motion_jacobians(
     return by_xi, by_state, q[:, None] * adjoint[:, 5]
 
 
+def cross(a: Array, b: Array) -> Array:
+    """Cross product of two vectors (3,), without the detours of the general one."""
+    x, y, z = a
+    u, v, w = b
+    return np.array([y * w - z * v, z * u - x * w, x * v - y * u])
+
+
 def skew(v: Array) -> Array:
     """Cross-product matrices (..., 3, 3) of vectors (..., 3)."""
     out = np.zeros((*v.shape[:-1], 3, 3))

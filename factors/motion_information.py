@@ -22,7 +22,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from factors.packed import inverse_and_determinant, rotated, times
-from factors.point_track import TrackObservations, best_reference, twist_jacobian, twist_products
+from factors.point_track import (
+    TrackObservations,
+    best_reference,
+    twist_jacobian,
+    weighted_twist_products,
+)
 
 Array = NDArray[np.float64]
 
@@ -66,14 +71,14 @@ def motion_information(
     We = times(W, z - x)
     H = np.zeros((T, 6, T, 6))
     frames = np.arange(T)
-    H[frames, :, frames] = (W.reshape(T, -1) @ twist_products(G)).reshape(T, 6, 6)
+    H[frames, :, frames] = weighted_twist_products(W, G)
     g = (We.reshape(T, -1) @ G.transpose(0, 2, 1).reshape(3 * N, 6)).ravel()
-    root = _inverse_root(W.sum(axis=0))  # L^-1 of the latent information L L^T
     F = np.empty((3, N, T, 6))
     for column in range(6):
         F[..., column] = times(W, np.broadcast_to(G[:, column], We.shape)).transpose(1, 2, 0)
-    held = np.einsum("abn,bnk->ank", root, F.reshape(3, N, 6 * T)).reshape(3 * N, 6 * T)
-    pull = np.einsum("abn,bn->an", root, We.sum(axis=0)).reshape(3 * N)
+    pulls = np.concatenate([F.reshape(3, N, 6 * T), We.sum(axis=0)[:, :, None]], axis=2)
+    held = _whitened(W.sum(axis=0), pulls).reshape(3 * N, 6 * T + 1)
+    held, pull = held[:, :-1], held[:, -1]
     return MotionInformation(
         R_world=R_world,
         t_world=t_world,
@@ -117,9 +122,11 @@ def _taken_back(
     return z, x, W, d2
 
 
-def _inverse_root(packed: Array) -> Array:
-    """L^-1 (3, 3, N), lower triangular, of packed matrices (6, N) = L L^T."""
+def _whitened(packed: Array, v: Array) -> Array:
+    """L^-1 v for packed matrices (6 or 1, N) = L L^T, L lower triangular, and v (3, N, ...)."""
     inverse, _ = inverse_and_determinant(packed)
+    if len(inverse) == 1:
+        return np.sqrt(inverse)[..., None] * v
     a, b, c, d, e, f = inverse  # = L^-T L^-1: a Cholesky factor from the last row upwards
     m22 = np.sqrt(f)
     m21, m20 = e / m22, c / m22
@@ -127,4 +134,5 @@ def _inverse_root(packed: Array) -> Array:
     m10 = (b - m21 * m20) / m11
     m00 = np.sqrt(a - m10**2 - m20**2)
     zero = np.zeros_like(m00)
-    return np.array([[m00, zero, zero], [m10, m11, zero], [m20, m21, m22]])
+    root = np.array([[m00, zero, zero], [m10, m11, zero], [m20, m21, m22]])
+    return np.einsum("abn,bnk->ank", root, v)

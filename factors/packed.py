@@ -1,7 +1,8 @@
 """Symmetric 3x3 matrices as six numbers, many at a time: xx, xy, xz, yy, yz, zz.
 
 Covariances and weights of point tracks are kept this way, frames first: (T, 6, N) for the points
-of T frames. A stack of 3x3 matrices would spend its time in the calls for each.
+of T frames. A stack of 3x3 matrices would spend its time in the calls for each. Where all are
+multiples of the identity, one number stands for the six: (T, 1, N).
 """
 
 from __future__ import annotations
@@ -17,6 +18,8 @@ UNPACK = np.array([[0, 1, 2], [1, 3, 4], [2, 4, 5]])  # packed index of every en
 
 def rotated(information: Array, rotation: Array) -> Array:
     """R^T Lambda R for packed Lambda (T, 6, N) and rotations (T, 3, 3)."""
+    if information.shape[1] == 1:
+        return information
     left, right = rotation[:, :, ROW], rotation[:, :, COL]
     # out_(ab) = sum_ij R_ia R_jb L_ij, the pair (i, j) folded onto the packed index
     full = np.einsum("tip,tjp->tpij", left, right)
@@ -28,6 +31,8 @@ def rotated(information: Array, rotation: Array) -> Array:
 
 def times(packed: Array, v: Array) -> Array:
     """Packed symmetric (T, 6, N) times vectors (T, 3, N)."""
+    if packed.shape[1] == 1:
+        return packed * v
     x, y, z = v[:, 0], v[:, 1], v[:, 2]
     out = np.empty(np.broadcast_shapes(packed[:, :3].shape, v.shape))
     out[:, 0] = packed[:, 0] * x + packed[:, 1] * y + packed[:, 2] * z
@@ -38,9 +43,24 @@ def times(packed: Array, v: Array) -> Array:
 
 def inverse_and_determinant(packed: Array) -> tuple[Array, Array]:
     """Inverse (6, ...) and determinant (...) of packed symmetric matrices, by cofactors."""
+    if packed.shape[0] == 1:
+        return 1 / packed, packed[0] ** 3
     a, b, c, d, e, f = packed
     inverse = np.stack(
         [d * f - e * e, c * e - b * f, b * e - c * d, a * f - c * c, b * c - a * e, a * d - b * b]
     )
     determinant = a * inverse[0] + b * inverse[1] + c * inverse[2]
     return inverse / determinant, determinant
+
+
+def multiples_of_identity(packed: Array) -> bool:
+    """Whether packed matrices (6, ...) are all multiples of the identity."""
+    a, b, c, d, e, f = packed
+    return bool((a == d).all() and (a == f).all() and not (b.any() or c.any() or e.any()))
+
+
+def six(packed: Array) -> Array:
+    """Packed (T, 6, N) of either form."""
+    if packed.shape[1] == 6:
+        return packed
+    return packed * np.array([1.0, 0.0, 0.0, 1.0, 0.0, 1.0])[:, None]

@@ -34,7 +34,16 @@ from factors.joint_motion import (
     reference_coordinates,
     unit_twist,
 )
-from factors.packed import COL, ROW, UNPACK, inverse_and_determinant, rotated, times
+from factors.packed import (
+    COL,
+    ROW,
+    UNPACK,
+    inverse_and_determinant,
+    multiples_of_identity,
+    rotated,
+    six,
+    times,
+)
 from factors.student_t import twice_negative_log_kernel, weight
 
 Array = NDArray[np.float64]
@@ -47,7 +56,7 @@ class TrackObservations:
     """Observed points in the layout the factor works in."""
 
     p_world: Array  # (T, 3, N) metres; 0 where not observed
-    information_world: Array  # (T, 6, N) inverse covariance, packed; 0 where not observed
+    information_world: Array  # (T, 6 or 1, N) inverse covariance, packed; 0 where not observed
     observed: NDArray[np.bool_]  # (T, N)
     log_det_cov: float  # sum over the observed of log |cov|
 
@@ -71,8 +80,11 @@ class TrackObservations:
         minor = packed[0] * packed[3] - packed[1] ** 2
         with np.errstate(divide="ignore", invalid="ignore"):
             inverse, determinant = inverse_and_determinant(packed)
-        if not min(packed[0].min(), minor.min(), determinant.min()) > 0:  # Sylvester's criterion
+        leading = np.stack([packed[0], minor, determinant])
+        if not (leading > 0).all():  # Sylvester's criterion
             raise ValueError("a covariance is not positive definite")
+        if multiples_of_identity(packed):
+            inverse = inverse[:1]
         points = np.where(observed[..., None], p_world, 0.0)
         return TrackObservations(
             p_world=np.ascontiguousarray(points.swapaxes(1, 2)),
@@ -100,7 +112,7 @@ class TrackCost:
     x_joint: Array  # (3, N) latent reference points, joint frame
     log_det_latent: float  # sum of log |information of x_n|
     z_joint: Array  # (T, 3, N) reference coordinates
-    information: Array  # (T, 6, N) weighted, packed, in reference coordinates
+    information: Array  # (T, 6 or 1, N) weighted, packed, in reference coordinates
 
 
 def track_cost(
@@ -208,11 +220,14 @@ def track_normal_equations(
     c = along.shape[2]
     We = times(W, cost.z_joint - cost.x_joint)
     # per frame: G^T W G (T, 6, 6) and G^T W e (T, 6), summed over the points
-    twist_information = (W.reshape(T, -1) @ twist_products(G)).reshape(T, 6, 6)
+    twist_information = weighted_twist_products(W, G)
     twist_gradient = We.reshape(T, -1) @ G.transpose(0, 2, 1).reshape(3 * N, 6)
     F = np.empty((3, 6 + T + c - 1, N))
-    moved = (adjoint.reshape(T, 36).T @ W.reshape(T, -1)).reshape(6, 6, 6, N)  # j, k, packed, n
-    F[:, :6] = np.einsum("jkabn,bjn->akn", moved[:, :, UNPACK], G)
+    moved = (adjoint.reshape(T, 36).T @ W.reshape(T, -1)).reshape(6, 6, -1, N)  # j, k, packed, n
+    if moved.shape[2] == 1:
+        F[:, :6] = np.einsum("jkn,ajn->akn", moved[:, :, 0], G)
+    else:
+        F[:, :6] = np.einsum("jkabn,bjn->akn", moved[:, :, UNPACK], G)
     direction = np.einsum("ajn,j->an", G, unit_twist(kind, pitch))
     F[:, 6 : 6 + T] = times(W, np.broadcast_to(direction, We.shape)).transpose(1, 0, 2)
     chained = twist_information @ adjoint
@@ -248,7 +263,16 @@ def _joint_columns(kind: str, q: Array, pitch: float) -> Array:
     return np.stack(columns, axis=2)
 
 
-def twist_products(G: Array) -> Array:
+def weighted_twist_products(W: Array, G: Array) -> Array:
+    """G^T W G of every frame (T, 6, 6), summed over the points: W (T, 6 or 1, N), G (3, 6, N)."""
+    T, width, N = W.shape
+    if width == 1:
+        products = np.einsum("ajn,akn->njk", G, G).reshape(N, 36)
+        return (W[:, 0] @ products).reshape(T, 6, 6)
+    return (W.reshape(T, -1) @ _twist_products(G)).reshape(T, 6, 6)
+
+
+def _twist_products(G: Array) -> Array:
     """What a packed weight adds to G^T W G: (6 N, 36), from G (3, 6, N)."""
     products = np.empty((6, G.shape[2], 36))
     for k, (a, b) in enumerate(zip(ROW, COL, strict=True)):
@@ -260,7 +284,7 @@ def twist_products(G: Array) -> Array:
 def state_information(kind: str, cost: TrackCost, pitch: float = 0.0) -> Array:
     """(T,) information on each state when joint and latent points are held."""
     step = np.einsum("ajn,j->an", twist_jacobian(cost.x_joint), unit_twist(kind, pitch))
-    full = cost.information[:, UNPACK]
+    full = six(cost.information)[:, UNPACK]
     return np.einsum("an,tabn,bn->t", step, full, step)
 
 

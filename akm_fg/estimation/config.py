@@ -57,7 +57,7 @@ class FitConfig:
     rough_iterations: int = 12  # the same while comparing
     polish_within: float = 50.0  # nats of evidence behind the best; farther off is out of the race
     scale_iterations: int = 6  # rounds of: solve, estimate the noise scale
-    still_scale_iterations: int = 2  # of a kind that is out of the race
+    still_scale_iterations: int = 1  # of a kind that is out of the race
     scale_tolerance: float = 0.02  # relative change of the noise scale that ends the rounds
     noise_prior_observations: float = 20.0  # weight of a given noise level, as observations
     undecided_below: float = 0.95  # probability a kind needs to be named

@@ -9,6 +9,7 @@ import numpy as np
 
 from akm_fg.estimation.rigid_motion import RigidMotion
 from akm_fg.records import BoolArray, FloatArray
+from factors.joint_motion import cross
 
 # A hinge farther away than this is a drawer for every purpose of a start; metres.
 MAX_RADIUS_M = 100.0
@@ -30,10 +31,10 @@ class JointGuess:
 def joint_frame(axis_world: FloatArray, origin_world: FloatArray) -> FloatArray:
     """T_world_joint (4, 4) with z along a unit axis; the heading of x is arbitrary."""
     z = axis_world / np.linalg.norm(axis_world)
-    x = np.cross(z, np.eye(3)[int(np.argmin(np.abs(z)))])
+    x = cross(z, np.eye(3)[int(np.argmin(np.abs(z)))])
     x /= np.linalg.norm(x)
     T = np.eye(4)
-    T[:3, :3] = np.stack([x, np.cross(z, x), z], axis=1)
+    T[:3, :3] = np.stack([x, cross(z, x), z], axis=1)
     T[:3, 3] = origin_world
     return T
 
@@ -73,7 +74,7 @@ def guesses_from_path(path: FloatArray, known: BoolArray) -> list[JointGuess]:
     normal = directions[2]
     pivots = [_circle_about(normal, points)]
     # A nearly straight path: far hinges to either side of it, in the plane of its bend.
-    side = np.cross(normal, directions[0])
+    side = cross(normal, directions[0])
     pivots += [centre + sign * r * side for r in _FAR_HINGES_M for sign in (1.0, -1.0)]
     return guesses + [
         _guess("revolute", normal, pivot, _angles(path, normal, pivot), known)

@@ -130,7 +130,12 @@ def fit_kind(
     """
     observations, config = problem.observations, problem.config
     values = _initial_values(guess, observations)
-    scales = _start_scales(guess, values, problem) if previous is None else previous.scales
+    if previous is not None:
+        scales = previous.scales
+    elif problem.x_world is not None and effort == "full":
+        scales = problem.start  # fitted to the free motions: the same noise
+    else:
+        scales = _start_scales(guess, values, problem)
     x = None if previous is None else previous.x_joint
     if x is None and problem.x_world is not None:
         T = guess.T_world_joint
@@ -152,8 +157,9 @@ def fit_kind(
             break
         scales = new
     else:
-        graph = _graph(guess.kind, problem, scales, x, {})
-        solution = _evaluated(guess.kind, values, problem, scales, x, {})
+        last = {}
+        graph = _graph(guess.kind, problem, scales, x, last)
+        solution = _evaluated(guess.kind, values, problem, scales, x, last)
     return _posterior(solution, graph.linearize(values), problem, scales, fitted)
 
 
@@ -295,9 +301,13 @@ def _evaluated(
     pitch = values.atDouble(PITCH) if kind == "helical" else 0.0
     guess = JointGuess(kind, T, q, pitch)
     R_ref = values.atRot3(REFERENCE).matrix() if values.exists(REFERENCE) else None
-    cost = last.get(point_key(T, q, pitch)) or track_cost(
-        kind, T, q, observations.tracks, problem.config.dof, scales.track, x_start, pitch
-    )
+    here = point_key(T, q, pitch)
+    if here not in last:
+        last.clear()
+        last[here] = track_cost(
+            kind, T, q, observations.tracks, problem.config.dof, scales.track, x_start, pitch
+        )
+    cost = last[here]
     errors = orientation_errors(kind, T, q, R_ref, observations)
     return _Solution(guess, R_ref, cost, errors, patches_cost(guess, problem, scales))
 

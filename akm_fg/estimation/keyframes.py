@@ -12,7 +12,7 @@ of its first frame alone. The first keyframe has no free state and is never pool
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -32,6 +32,11 @@ class StreamFrame:
     number: int  # of the frame, from 0
     p_world: FloatArray  # (N, 3) metres; NaN where not seen
     cov_world: FloatArray  # (N, 3, 3) m^2; NaN where not seen
+    variance: FloatArray = field(init=False)  # (N,) of a coordinate; NaN where not seen
+
+    def __post_init__(self) -> None:
+        variance = np.trace(self.cov_world, axis1=1, axis2=2) / 3
+        object.__setattr__(self, "variance", variance)
 
     @property
     def observed(self) -> BoolArray:
@@ -97,15 +102,15 @@ class Keyframes:
             them; infinite and zero where too few tracks are common.
         """
         a = np.array([keyframe.p_world for keyframe in self.frames])
-        variance = np.array([_variance(keyframe) for keyframe in self.frames]) + _variance(frame)
+        variance = np.array([keyframe.variance for keyframe in self.frames]) + frame.variance
         common = np.isfinite(variance) & members
         w = np.where(common, 1 / np.where(common, variance, 1.0), 0.0)
         a, b = np.where(common[..., None], a, 0.0), np.where(common[..., None], frame.p_world, 0.0)
         R, t = procrustes(a, b, w)
-        step = np.einsum("kij,knj->kni", R - np.eye(3), a) + t[:, None]
+        step = a @ (R - np.eye(3)).swapaxes(1, 2) + t[:, None]
         count = common.sum(axis=1)
         total = np.maximum(w.sum(axis=1), 1e-300)
-        power = np.einsum("kn,kni,kni->k", w, step, step) / total
+        power = (w * (step * step).sum(axis=2)).sum(axis=1) / total
         noise2 = _POSE_FREEDOM * scale**2 / total
         known = count >= MIN_POINTS
         distance = np.where(known, np.sqrt(np.maximum(power - noise2, 0.0)), np.inf)
@@ -155,12 +160,6 @@ class Keyframes:
         del self.frames[gone], self.counts[gone]
         self._distance_m = np.delete(np.delete(self._distance_m, gone, 0), gone, 1)
         return gone
-
-
-def _variance(frame: StreamFrame) -> FloatArray:
-    """(N,) of a coordinate; NaN where not seen."""
-    variance: FloatArray = np.trace(frame.cov_world, axis1=1, axis2=2) / 3
-    return variance
 
 
 def _rearranged(frame: StreamFrame, columns: NDArray[np.int_], size: int) -> StreamFrame:

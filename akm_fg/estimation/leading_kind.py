@@ -16,7 +16,7 @@ from akm_fg.estimation.kind_comparison import Comparison
 from akm_fg.estimation.laplace import KindFit
 from akm_fg.estimation.problem import FitProblem
 from akm_fg.estimation.rigid_motion import MIN_POINTS
-from akm_fg.estimation.states import solved_states, state_sd_beside
+from akm_fg.estimation.states import model_variance, solved_states, state_sd_beside
 from akm_fg.records import FloatArray
 from factors.joint_motion import part_motion
 from factors.point_track import TrackObservations
@@ -30,7 +30,7 @@ class LeadingKind:
     problem: FitProblem  # the one in which it won
     ids: NDArray[np.int_]  # (N,) tracks of the part, the caller's indices
     numbers: NDArray[np.int_]  # (K,) frames of the graph, growing
-    observations: TrackObservations  # theirs
+    model_variance: FloatArray  # (K - 1,) of states, beyond their own frame's noise
 
     @staticmethod
     def of(comparison: Comparison) -> LeadingKind | None:
@@ -40,9 +40,7 @@ class LeadingKind:
         fit = max(fitted.fits, key=lambda fit: probability[fit.kind])
         if fit.T_world_joint is None:
             return None
-        problem = fitted.problem
-        tracks = problem.observations.tracks
-        return LeadingKind(fit, problem, comparison.ids, comparison.numbers, tracks)
+        return _of_fit(fit, fitted.problem, comparison.ids, comparison.numbers)
 
     @property
     def T_world_joint(self) -> FloatArray:
@@ -68,7 +66,7 @@ class LeadingKind:
         config = self.problem.config
         here = replace(self.fit, x_joint=self.fit.x_joint[:, kept])
         q, information = solved_states(here, tracks, np.array([start]), config)
-        sd = state_sd_beside(self.fit, self.observations, q, information, config)
+        sd = state_sd_beside(self.fit, q, information, self.model_variance)
         return float(q[0]), float(sd[0])
 
     def motion(self, q_from: float, q_to: float) -> tuple[FloatArray, FloatArray]:
@@ -108,9 +106,7 @@ class LeadingKind:
         guess = JointGuess(self.fit.kind, self.T_world_joint, q - q[0], self.fit.pitch)
         previous = replace(self.fit, x_joint=self.fit.x_joint[:, kept])
         fit = temper(fit_kind(guess, graph, previous), self.fit.tau, problem)
-        return LeadingKind(
-            pointing_forward(fit), problem, self.ids[kept], numbers[usable], observations
-        )
+        return _of_fit(pointing_forward(fit), problem, self.ids[kept], numbers[usable])
 
     def states(self, keyframes: Keyframes, ids: NDArray[np.int_]) -> dict[int, float]:
         """States of all keyframes that see the part, by number."""
@@ -125,6 +121,13 @@ class LeadingKind:
             if solved is not None:
                 states[frame.number] = solved[0]
         return states
+
+
+def _of_fit(
+    fit: KindFit, problem: FitProblem, ids: NDArray[np.int_], numbers: NDArray[np.int_]
+) -> LeadingKind:
+    model = model_variance(fit, problem.observations.tracks, problem.config)
+    return LeadingKind(fit, problem, ids, numbers, model)
 
 
 def _graph(problem: FitProblem, kept: NDArray[np.bool_]) -> GraphProblem:

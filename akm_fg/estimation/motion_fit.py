@@ -20,7 +20,7 @@ import numpy as np
 from akm_fg.estimation.config import PriorConfig
 from akm_fg.estimation.initial_guess import MAX_RADIUS_M, JointGuess, joint_frame
 from akm_fg.records import FloatArray
-from factors.joint_motion import motion_jacobians, part_motion, skew
+from factors.joint_motion import cross, motion_jacobians, part_motion, skew
 from factors.motion_information import MotionInformation
 
 _ITERATIONS = 25
@@ -101,8 +101,8 @@ def bent_drawer(
     J[:, :, :2] = motion_jacobians("prismatic", guess.T_world_joint, s)[0][:, :, :2]
     for i, k in enumerate(across):
         J[:, :3, 2 + i] = s[:, None] * k
-        J[:, 3:, 2 + i] = s[:, None] * np.cross(centroid_world, k)
-        J[:, 3:, 2 + i] += 0.5 * s[:, None] ** 2 * np.cross(k, a)
+        J[:, 3:, 2 + i] = s[:, None] * cross(centroid_world, k)
+        J[:, 3:, 2 + i] += 0.5 * s[:, None] ** 2 * cross(k, a)
     frames = np.arange(1, T)
     J[frames, 3:, 3 + frames] = a
     flat = J.reshape(6 * T, -1)
@@ -111,7 +111,7 @@ def bent_drawer(
     k = across.T @ step[2:4]
     rho = 1 / max(float(np.linalg.norm(k)), 1 / MAX_RADIUS_M)
     n = k / max(float(np.linalg.norm(k)), 1e-12)
-    hinge = centroid_world + rho * np.cross(n, a)
+    hinge = centroid_world + rho * cross(n, a)
     return JointGuess("revolute", joint_frame(n, hinge), s / rho)
 
 
@@ -131,7 +131,7 @@ def _nearest_origin(guess: JointGuess, centroid_world: FloatArray) -> tuple[Floa
         return T, 1e-6
     T[:3, 3] = centroid_world + away
     T[:3, 0] = away / rho
-    T[:3, 1] = np.cross(z, T[:3, 0])
+    T[:3, 1] = cross(z, T[:3, 0])
     return T, rho
 
 

@@ -31,7 +31,7 @@ from factors.point_track import TrackObservations
 # Pose logs come without a noise level: observations are whitened by these and scaled by the fit.
 NOMINAL_POSITION_M = 1e-3
 _START_ORIENTATION_RAD = 0.02
-_FREE_SCALE_ITERATIONS = 3  # from a median within a tenth to the graph's own level
+_FREE_SCALE_ITERATIONS = 2  # from a median within a tenth to the graph's own level
 
 
 @dataclass(frozen=True, slots=True)

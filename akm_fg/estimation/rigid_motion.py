@@ -22,7 +22,7 @@ class RigidMotionConfig:
     """Robust generalised Procrustes analysis."""
 
     samples: int = 64  # minimal sets tried; 20 % outliers: all fail with probability 1e-20
-    iterations: int = 6
+    iterations: int = 4  # the graph iterates further
     scale_tolerance: float = 0.005  # relative change of the noise scale that ends them
     inlier_sigmas: float = 4.0  # of a 3-d residual; 0.1 % of good observations lie beyond
     min_inlier_share: float = 0.6  # of a track's observations, else the whole track is rejected
@@ -132,16 +132,16 @@ def _consensus(
 
     Tracks not seen in both frames are given the benefit of the doubt.
     """
-    T, N, _ = p.shape
+    N = p.shape[1]
     member = np.ones(N, dtype=bool)
     common = observed & observed[ref][None]
     enough = common.sum(axis=1) >= max(MIN_POINTS + 1, common.sum(axis=1).max() // 2)
-    moved = np.array(
-        [
-            np.median(np.linalg.norm(p[t] - p[ref], axis=-1)[common[t]]) if enough[t] else -1.0
-            for t in range(T)
-        ]
-    )
+    distance = np.linalg.norm(p - p[ref], axis=-1)
+    if common.all():
+        moved = np.median(distance, axis=1)
+    else:
+        seen = np.where(enough[:, None], np.where(common, distance, np.nan), -1.0)
+        moved = np.nanmedian(seen, axis=1)
     far = int(np.argmax(moved))
     index = np.flatnonzero(common[far])
     if far == ref or index.size <= MIN_POINTS:

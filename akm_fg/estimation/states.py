@@ -38,7 +38,8 @@ def states_of_all_frames(
     tracks = TrackObservations.from_points(points.p_world[others], points.cov_world[others])
     q, information = solved_states(fit, tracks, np.interp(others, keyframes, fit.q), config)
     seen = TrackObservations.from_points(points.p_world[keyframes], points.cov_world[keyframes])
-    mean[others], sd[others] = q, state_sd_beside(fit, seen, q, information, config)
+    model = model_variance(fit, seen, config)
+    mean[others], sd[others] = q, state_sd_beside(fit, q, information, model)
     return mean, sd
 
 
@@ -63,29 +64,23 @@ def solved_states(
 
 
 def state_sd_beside(
-    fit: KindFit,
-    keyframes: TrackObservations,
-    q: FloatArray,
-    information: FloatArray,
-    config: FitConfig,
+    fit: KindFit, q: FloatArray, information: FloatArray, model: FloatArray
 ) -> FloatArray:
     """Standard deviations (M,) of states that were solved beside the graph's K frames.
 
     Args:
         fit: the solved kind, over the keyframes.
-        keyframes: K frames of the fitted tracks.
         q: (M,) states.
         information: (M,) on them, from `solved_states`.
-        config: tuning.
+        model: (K - 1,) from `model_variance`.
     """
-    model = _model_variance(fit, keyframes, config)
     order = np.argsort(fit.q[1:])
     beyond = np.interp(q, fit.q[1:][order], model[order])
     sd: FloatArray = np.sqrt(fit.cov_factor / information + beyond)
     return sd
 
 
-def _model_variance(fit: KindFit, keyframes: TrackObservations, config: FitConfig) -> FloatArray:
+def model_variance(fit: KindFit, keyframes: TrackObservations, config: FitConfig) -> FloatArray:
     """Variance of the keyframes' states (K - 1,) beyond their own frame's noise.
 
     Frame 0 is left out: its state is zero by definition, without variance.
