@@ -54,7 +54,7 @@ class Matches:
     uv: FloatArray  # (N, 2)
     shape: FloatArray  # (N, 2, 2) image offset = shape @ template offset
     correlation: FloatArray  # (N,) of the patch with its template, 1 is equal up to gain and bias
-    sigma_px: FloatArray  # (N,) posterior standard deviation, mean of both coordinates
+    sigma_px: FloatArray  # (N,) posterior standard deviation in the worst direction: along an edge
 
 
 def smooth(rgb: NDArray[np.uint8], config: AffineMatchConfig) -> GrayImage:
@@ -156,7 +156,7 @@ def _posterior_sigma(
     precision_u: FloatArray,
     config: AffineMatchConfig,
 ) -> FloatArray:
-    """Standard deviation (N,) of the places, with the residual that was really left."""
+    """Standard deviation (N,) in the worst direction, with the residual that was really left."""
     left = spread**2 * np.clip(1 - correlation**2, 0, 1)
     variance = np.maximum(left, config.image_sigma**2) * config.texel_correlation
     M = H / variance[:, None, None]
@@ -164,4 +164,4 @@ def _posterior_sigma(
     M[:, 4:, 4:] += precision_u[:, None, None] * np.eye(2)
     cov = np.linalg.inv(M)[:, 4:, 4:]
     cov = shape @ cov @ shape.transpose(0, 2, 1)
-    return np.asarray(np.sqrt(np.trace(cov, axis1=1, axis2=2) / 2))
+    return np.asarray(np.sqrt(np.linalg.eigvalsh(cov)[:, 1]))

@@ -4,8 +4,9 @@ The paper clusters displacement features (Eq. 3) in two by spectral clustering, 
 finds two clusters and puts the points near a hinge on the wrong side. Here the noise is known:
 
 1. a chi-square test finds tracks that moved more than their noise; too few: nothing moved;
-2. spectral clustering of displacement differences, in units of their noise, finds a seed
-   cluster that moved together;
+2. a seed cluster moved together: where a gripper holds the part, the tracks that keep their
+   distance to it, as points of one rigid body do however it turns; else, or if these are too
+   few, one found by spectral clustering of displacement differences in units of their noise;
 3. one rigid motion per frame is fitted to the seed, robustly;
 4. each track is judged by how well rest and that motion explain it. What neither explains
    (drift, shadows) is dropped; what both explain (near the hinge, or too short) stays open.
@@ -16,13 +17,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import expit
 from scipy.stats import chi2
-from sklearn.cluster import SpectralClustering
 
 from akm_fg.errors import NoMotionObserved, TracksLost
 from akm_fg.estimation.rigid_motion import RigidMotion, free_rigid_motion
+from akm_fg.perception.motion_seeds import held_tracks, spectral_cluster, with_hand
 from akm_fg.records import BoolArray, FloatArray, PointTracks
 
 REFITS = 3  # of the motion, each to the tracks that the one before explains
@@ -38,6 +38,8 @@ class MotionSegmentationConfig:
     min_moving: int = 6  # tracks; a rigid motion takes three, and three must confirm it
     min_motion_m: float = 0.004  # rms displacement of the part: below, calibration drift can do it
     spectral_tracks: int = 250  # eigenvectors cost the cube of this
+    hand_slip_m: float = 0.005  # how much the fingers may shift on the handle
+    min_with_hand: int = 4  # tracks that a motion takes which the hand confirms
     neighbours: int = 7  # sets the local scale of affinities (Zelnik-Manor, Perona, 2004)
     outlier_sigmas: float = 5.0  # a residual counts no more than this
     max_per_freedom: float = 2.5  # chi-square per degree of freedom of a track that is explained
@@ -123,6 +125,7 @@ def segment_motion(
     tracks: PointTracks,
     config: MotionSegmentationConfig | None = None,
     rng: np.random.Generator | None = None,
+    hand_world: FloatArray | None = None,
 ) -> MotionSegmentation:
     """Tell the moving part's tracks from those at rest.
 
@@ -130,6 +133,7 @@ def segment_motion(
         tracks: T frames, N points with their covariances; gaps and late starts are fine.
         config: tuning.
         rng: draws subsets and minimal sets; a fixed one if not given.
+        hand_world: (T, 3) of the gripper that holds the part, metres; NaN where it does not.
 
     Raises:
         TracksLost: fewer than three tracks are seen often enough.
@@ -149,14 +153,20 @@ def segment_motion(
     seen = _Observations(p, info, observed & judged, config.outlier_sigmas)
     rest = seen.judge_rest(np.ones(len(p), dtype=bool))
     significant = judged & (rest.cost > chi2.isf(config.false_alarm, np.maximum(rest.freedom, 1)))
-    motion = None
-    if significant.sum() >= config.min_moving:
-        motion = _fit_motion(tracks, seen, rest, significant, config, rng)
-    if motion is None:
-        return _nothing_moved(rest, judged, 1.0, config)
-    moved = seen.judge(motion.R_world, motion.t_world, motion.known)
-    rest_known = rest if motion.known.all() else seen.judge_rest(motion.known)
-    return _decide(tracks, rest, rest_known, moved, judged, int(motion.known.sum()), config)
+    for hand in (hand_world, None) if hand_world is not None else (None,):
+        enough = config.min_moving if hand is None else config.min_with_hand
+        if significant.sum() < enough:
+            continue
+        motion = _fit_motion(tracks, seen, rest, significant, hand, config, rng)
+        if motion is None:
+            continue
+        moved = seen.judge(motion.R_world, motion.t_world, motion.known)
+        rest_known = rest if motion.known.all() else seen.judge_rest(motion.known)
+        frames = int(motion.known.sum())
+        decided = _decide(tracks, rest, rest_known, moved, judged, frames, enough, config)
+        if decided.moving.any() or hand is None:
+            return decided
+    return _nothing_moved(rest, judged, 1.0, config)
 
 
 def _noise_scale(per_freedom: FloatArray, judged: BoolArray, limit: float) -> float:
@@ -181,6 +191,7 @@ def _decide(
     moved: _Fit,
     judged: BoolArray,
     frames_known: int,
+    min_moving: int,
     config: MotionSegmentationConfig,
 ) -> MotionSegmentation:
     """Assign each track, and weigh motion against rest."""
@@ -196,7 +207,7 @@ def _decide(
     penalty = 0.5 * 6 * max(frames_known - 1, 1) * np.log(max(observations, 2.0))
     p_rest = float(expit(penalty - float(log_ratio[moving].sum())))
     motion_m = _rms_displacement(tracks.select(moving))
-    if moving.sum() < config.min_moving or motion_m < config.min_motion_m or p_rest > 0.5:
+    if moving.sum() < min_moving or motion_m < config.min_motion_m or p_rest > 0.5:
         return _nothing_moved(rest, judged, max(p_rest, 0.5), config)
     rejected = judged & ~explained_moving & ~explained_static
     return MotionSegmentation(moving, static, rejected, p_rest, motion_m, scale)
@@ -217,17 +228,27 @@ def _fit_motion(
     seen: _Observations,
     rest: _Fit,
     significant: BoolArray,
+    hand_world: FloatArray | None,
     config: MotionSegmentationConfig,
     rng: np.random.Generator,
 ) -> RigidMotion | None:
-    """The rigid motion of the cluster that moved most, refitted to all tracks it explains."""
-    seed = _seed_cluster(tracks, seen.p, significant, config, rng)
+    """The rigid motion of the cluster that moved with the hand, or else moved most.
+
+    Refitted to all tracks it explains.
+    """
+    if hand_world is None:
+        seed, enough = spectral_cluster(tracks, seen.p, significant, config, rng), config.min_moving
+    else:
+        seed, enough = held_tracks(tracks, significant, hand_world, config), config.min_with_hand
     limit = config.max_per_freedom * config.max_noise_scale**2
     motion = None
     for _ in range(REFITS):
-        if len(seed) < config.min_moving:
+        if len(seed) < enough:
             return None
-        motion = free_rigid_motion(tracks.select(seed), rng)
+        body = tracks.select(seed)
+        if hand_world is not None:
+            body = with_hand(body, hand_world, config)
+        motion = free_rigid_motion(body, rng)
         if motion.known.sum() < 2:
             return None
         moved = seen.judge(motion.R_world, motion.t_world, motion.known)
@@ -236,57 +257,4 @@ def _fit_motion(
         last, seed = seed, np.flatnonzero((moved.per_freedom() < limit) & better)
         if np.array_equal(last, seed):
             break
-    return motion if len(seed) >= config.min_moving else None
-
-
-def _seed_cluster(
-    tracks: PointTracks,
-    p: FloatArray,
-    significant: BoolArray,
-    config: MotionSegmentationConfig,
-    rng: np.random.Generator,
-) -> NDArray[np.int_]:
-    """Indices of tracks that moved, and moved alike (paper, Eq. 3, in units of the noise)."""
-    observed = tracks.observed
-    index = np.flatnonzero(significant)
-    if len(index) > config.spectral_tracks:
-        index = np.sort(rng.choice(index, config.spectral_tracks, replace=False))
-    if len(index) < 2 * config.min_moving:
-        return index
-    difference = _displacement_difference(p[:, index], observed[:, index], tracks, index, config)
-    k = min(config.neighbours, len(index) - 1)
-    local = np.maximum(np.sort(difference, axis=1)[:, k], 1.0)
-    affinity = np.exp(-(difference**2) / (local[:, None] * local[None]))
-    labels = SpectralClustering(
-        2, affinity="precomputed", assign_labels="cluster_qr", random_state=0
-    ).fit_predict(affinity + 1e-6)
-    sizes = [int((labels == k).sum()) for k in (0, 1)]
-    alike = [float(np.median(difference[np.ix_(labels == k, labels == k)])) for k in (0, 1)]
-    # The larger cluster is the part, unless it is a heap of tracks that moved each on its own.
-    order = sorted((0, 1), key=lambda k: (-sizes[k] / (1 + alike[k]), k))
-    return index[labels == order[0]]
-
-
-def _displacement_difference(
-    p: FloatArray,
-    observed: BoolArray,
-    tracks: PointTracks,
-    index: NDArray[np.int_],
-    config: MotionSegmentationConfig,
-) -> FloatArray:
-    """(n, n) rms change of the offset between two tracks, in standard deviations.
-
-    Over the frames that see both; pairs with fewer than two such frames get the largest value.
-    """
-    M = observed.T.astype(float)
-    count = M @ M.T
-    x = p.transpose(1, 0, 2) * M[..., None]
-    square = (x**2).sum(axis=2)
-    sum_square = square @ M.T + M @ square.T - 2 * np.einsum("itk,jtk->ij", x, x)
-    sums = np.einsum("itk,jt->ijk", x, M) - np.einsum("it,jtk->ijk", M, x)
-    n = np.maximum(count, 1)
-    variance = np.maximum(sum_square / n - ((sums / n[..., None]) ** 2).sum(axis=2), 0)
-    trace = np.trace(tracks.cov_world[:, index], axis1=2, axis2=3)
-    noise = np.nanmean(np.where(observed, trace, np.nan), axis=0) + 3 * config.systematic_m**2
-    difference = np.sqrt(variance / (noise[:, None] + noise[None]))
-    return np.where(count >= 2, difference, difference.max())
+    return motion if len(seed) >= enough else None

@@ -19,7 +19,7 @@ from akm_fg.perception.motion_segmentation import (
 )
 from akm_fg.perception.object_mask import DepthObjectSegmenter, DepthSegmenterConfig
 from akm_fg.perception.seeding import SeedingConfig, track_object
-from akm_fg.records import BoolArray, PixelTracks, PointTracks, Recording
+from akm_fg.records import BoolArray, FloatArray, PixelTracks, PointTracks, Recording
 
 log = logging.getLogger(__name__)
 
@@ -85,7 +85,7 @@ def observe_motion(
             f"({int(masks[0].sum())} object pixels in the first frame)"
         )
     tracks = lift(pixels, recording.frames, config.noise, config.lifting)
-    segmentation = segment_motion(tracks, config.motion, rng)
+    segmentation = segment_motion(tracks, config.motion, rng, _hand(recording))
     log.info(
         "%s: %d tracks, %d moving, %d static, %d rejected",
         recording.name,
@@ -95,6 +95,17 @@ def observe_motion(
         segmentation.rejected.sum(),
     )
     return ObservedMotion(tracks, pixels, segmentation, masks[0])
+
+
+def _hand(recording: Recording) -> FloatArray | None:
+    """(T, 3) where the gripper is while it holds, NaN in other frames; None if not known."""
+    if recording.T_world_gripper is None or recording.grasp_frames is None:
+        return None
+    first, last = recording.grasp_frames
+    hand_world = np.full((len(recording.frames), 3), np.nan)
+    for t in range(first, last + 1):
+        hand_world[t] = recording.T_world_gripper[t].translation()
+    return hand_world
 
 
 def _masks(

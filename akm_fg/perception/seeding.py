@@ -16,6 +16,7 @@ from akm_fg.records import BoolArray, FloatArray, PixelTracks, RgbdFrame
 SOBEL_GAIN = 8.0  # of the 3 x 3 operator: gray levels a pixel
 CORNER_WINDOW_PX = 7
 RESEED_CELLS = 1.5  # seeds of neighbouring cells are up to two cells apart: no hole between them
+CELL_SHRINK = 0.75
 
 
 @dataclass(frozen=True, slots=True)
@@ -24,10 +25,10 @@ class SeedingConfig:
 
     number: int = 300  # on the object in the first frame; the paper follows 1000
     min_spacing_px: float = 5.0  # closer points share most of their patch
-    edge_margin_px: int = 5  # from a depth edge: a patch there holds two surfaces
+    edge_margin_px: int = 4  # from a depth edge, where depth is wrong; texture is often near it
     edge_m: float = 0.02  # depth step that counts as an edge
     max_slope: float = 3.0  # tangent between ray and normal, 72 deg: steeper ones cannot be lifted
-    min_corner: float = 1.0  # smaller eigenvalue of the mean gradient tensor, (gray levels / px)^2
+    min_corner: float = 0.1  # smaller eigenvalue of the mean gradient tensor, (gray levels / px)^2
     min_frames_left: int = 3  # a track that starts later says nothing about motion
 
 
@@ -52,10 +53,11 @@ def seed_points(
     config: SeedingConfig | None = None,
     taken_uv: FloatArray | None = None,
 ) -> FloatArray:
-    """Pixels (N, 2) spread over the object, one a cell of a grid.
+    """Pixels (N, 2) spread over the object, the best corner of each cell of a grid.
 
-    In each cell the best corner is taken; a cell without one gives its pixel nearest to the
-    middle. Pixels within RESEED_CELLS cells of one of `taken_uv` are left out.
+    A cell without texture gives none: nothing there could be found again. On plain objects the
+    grid gets finer, so that the wanted number may still come from the few places with texture.
+    Pixels within RESEED_CELLS cells of one of `taken_uv` are left out.
 
     Args:
         frame: where to seed.
@@ -69,23 +71,32 @@ def seed_points(
     if not free.any():
         return np.empty((0, 2))
     cell = max(config.min_spacing_px, float(np.sqrt(free.sum() / config.number)))
-    shift = rng.uniform(0, cell, 2)
-    columns = int(frame.camera.width / cell) + 2
     if taken_uv is not None and len(taken_uv):
         free &= _distance_to(taken_uv, free.shape) > RESEED_CELLS * cell
-        if not free.any():
-            return np.empty((0, 2))
-    v, u = np.nonzero(free)
-    cells = _cells(np.stack([u, v], axis=-1), shift, cell, columns)
     gray = cv2.cvtColor(frame.rgb, cv2.COLOR_RGB2GRAY)
     slope = np.asarray(gray, dtype=np.float32) / SOBEL_GAIN
-    corner = np.asarray(cv2.cornerMinEigenVal(slope, CORNER_WINDOW_PX))[v, u]
-    middle = np.abs(((np.stack([u, v], axis=-1) + shift) / cell) % 1 - 0.5).max(axis=1)
-    score = np.where(corner > config.min_corner, 1 + corner / config.min_corner, 0.5 - middle)
-    order = np.lexsort((-score, cells))
-    first = np.unique(cells[order], return_index=True)[1]
-    best = order[first]
-    return np.stack([u[best], v[best]], axis=-1).astype(np.float64)
+    corner = np.where(free, cv2.cornerMinEigenVal(slope, CORNER_WINDOW_PX), 0)
+    v, u = np.nonzero(corner > config.min_corner)
+    if not u.size:
+        return np.empty((0, 2))
+    uv, strength = np.stack([u, v], axis=-1), corner[v, u]
+    wanted = config.number * (free.sum() / max(int(mask.sum()), 1))
+    shift = rng.uniform(0, 1, 2)
+    while True:
+        best = _best_of_cells(uv, strength, shift * cell, cell)
+        if len(best) >= wanted or cell <= config.min_spacing_px:
+            return uv[best].astype(np.float64)
+        cell = max(config.min_spacing_px, CELL_SHRINK * cell)
+
+
+def _best_of_cells(
+    uv: NDArray[np.int_], strength: NDArray[np.floating], shift: FloatArray, cell: float
+) -> NDArray[np.int_]:
+    """Index of the strongest pixel of each cell of a grid."""
+    index = np.floor((uv + shift) / cell).astype(int)
+    number = index[:, 1] * (index[:, 0].max() + 1) + index[:, 0]
+    order = np.lexsort((-strength, number))
+    return np.asarray(order[np.unique(number[order], return_index=True)[1]])
 
 
 def _distance_to(uv: FloatArray, size: tuple[int, ...]) -> NDArray[np.float32]:
@@ -95,12 +106,6 @@ def _distance_to(uv: FloatArray, size: tuple[int, ...]) -> NDArray[np.float32]:
     inside = (whole >= 0).all(axis=1) & (whole[:, 0] < size[1]) & (whole[:, 1] < size[0])
     elsewhere[whole[inside, 1], whole[inside, 0]] = 0
     return np.asarray(cv2.distanceTransform(elsewhere, cv2.DIST_L2, 5), dtype=np.float32)
-
-
-def _cells(uv: NDArray[np.int_], shift: FloatArray, cell: float, columns: int) -> NDArray[np.int_]:
-    """Number (N,) of the grid cell of pixels (N, 2)."""
-    index = np.floor((uv + shift) / cell).astype(int)
-    return np.asarray(index[:, 1] * (columns + 1) + index[:, 0])
 
 
 def track_object(

@@ -106,3 +106,30 @@ def test_a_thousand_tracks_over_sixty_frames_take_less_than_a_second() -> None:
     start = time.perf_counter()
     segment_motion(tracks)
     assert time.perf_counter() - start < 3.0  # 0.7 s on a free core
+
+
+def swinging_hand(last: float, T: int = 20) -> np.ndarray:
+    """(T, 3) of a gripper on the panel's handle, which moves as `simulate`'s revolute part."""
+    q = np.linspace(0, last, T)
+    return np.stack([0.45 * np.cos(q), np.full(T, 0.25), -0.45 * np.sin(q)], axis=-1)
+
+
+def test_with_the_hand_a_few_tracks_suffice_among_many_that_drift() -> None:
+    tracks, labels = simulate("revolute", 0.5, 2, n_part=5, n_bad=40)
+    got = segment_motion(tracks, hand_world=swinging_hand(0.5))
+    assert got.moving[labels == 1].all()
+    assert not got.moving[labels != 1].any()
+    assert not segment_motion(tracks).moving[labels == 1].all()  # alone they are too few
+
+
+def test_a_hand_that_moves_without_the_part_moves_nothing() -> None:
+    tracks, _ = simulate("prismatic", 0.0, 4, n_bad=12)
+    assert not segment_motion(tracks, hand_world=swinging_hand(0.5)).moving.any()
+
+
+def test_a_hand_that_is_not_known_in_some_frames_still_helps() -> None:
+    tracks, labels = simulate("revolute", 0.5, 2, n_part=5, n_bad=40)
+    hand = swinging_hand(0.5)
+    hand[[3, 4, 12]] = np.nan
+    got = segment_motion(tracks, hand_world=hand)
+    assert got.moving[labels == 1].all()

@@ -1,5 +1,8 @@
 """The contract of every PointTracker, and how far the default one can be trusted."""
 
+from dataclasses import replace
+
+import cv2
 import numpy as np
 import pytest
 
@@ -112,6 +115,21 @@ def test_seeds_spread_over_the_mask_and_keep_off_depth_edges(door) -> None:
     z = door.depth[0]
     for du, dv in ((4, 0), (-4, 0), (0, 4), (0, -4)):
         assert (np.abs(z[v + dv, u + du] - z[v, u]) < 0.08).all()
+
+
+def test_plain_surfaces_get_no_seeds_and_their_textured_spot_gets_many(door) -> None:
+    frame = door.frames[0]
+    rng = np.random.default_rng(3)
+    rgb = np.full_like(frame.rgb, 120)
+    spot = np.zeros(frame.depth_m.shape, bool)
+    spot[90:130, 120:170] = True
+    rgb[spot] = rng.integers(60, 180, (int(spot.sum()), 3))
+    mask = np.isin(door.labels[0], (1, 2))
+    uv = seed_points(replace(frame, rgb=rgb), mask, rng, SeedingConfig(number=100))
+    u, v = uv.astype(int).T
+    near = cv2.dilate(spot.astype(np.uint8), np.ones((11, 11), np.uint8)) > 0
+    assert near[v, u].all()  # the window of a corner reaches beyond the texture
+    assert len(uv) > 3 * 100 * spot.sum() / mask.sum()  # denser than over the whole object
 
 
 def test_an_empty_mask_gives_no_seeds(door) -> None:
