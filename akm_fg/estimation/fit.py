@@ -26,7 +26,8 @@ from akm_fg.estimation.evidence import (
     temper,
 )
 from akm_fg.estimation.initial_guess import JointGuess
-from akm_fg.estimation.joint_graph import GraphProblem, fit_kind, start_rank
+from akm_fg.estimation.joint_graph import GraphProblem
+from akm_fg.estimation.kind_fit import fit_kind, start_rank
 from akm_fg.estimation.laplace import KindFit
 from akm_fg.estimation.posterior import (
     ArticulationPosterior,

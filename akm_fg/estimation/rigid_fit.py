@@ -8,7 +8,8 @@ from dataclasses import replace
 import numpy as np
 
 from akm_fg.estimation.initial_guess import JointGuess
-from akm_fg.estimation.joint_graph import GraphProblem, guess_cost, patches_cost
+from akm_fg.estimation.joint_graph import GraphProblem
+from akm_fg.estimation.kind_fit import guess_cost, patches_cost
 from akm_fg.estimation.laplace import KindFit
 from akm_fg.estimation.observations import (
     CHI2_MEDIAN,
