@@ -10,9 +10,10 @@ from numpy.typing import NDArray
 from akm_fg.estimation.evidence import temper
 from akm_fg.estimation.fit import graph_problem, pointing_forward
 from akm_fg.estimation.initial_guess import JointGuess
-from akm_fg.estimation.joint_graph import GraphProblem, fit_kind
+from akm_fg.estimation.joint_graph import GraphProblem
 from akm_fg.estimation.keyframes import Keyframes, StreamFrame
 from akm_fg.estimation.kind_comparison import Comparison
+from akm_fg.estimation.kind_fit import fit_kind
 from akm_fg.estimation.laplace import KindFit
 from akm_fg.estimation.problem import FitProblem
 from akm_fg.estimation.rigid_motion import MIN_POINTS
