@@ -21,7 +21,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from factors.packed import inverse_and_determinant, rotated, times
+from factors.packed import UNPACK, inverse_and_determinant, rotated, times
 from factors.point_track import (
     TrackObservations,
     best_reference,
@@ -73,9 +73,7 @@ def motion_information(
     frames = np.arange(T)
     H[frames, :, frames] = weighted_twist_products(W, G)
     g = (We.reshape(T, -1) @ G.transpose(0, 2, 1).reshape(3 * N, 6)).ravel()
-    F = np.empty((3, N, T, 6))
-    for column in range(6):
-        F[..., column] = times(W, np.broadcast_to(G[:, column], We.shape)).transpose(1, 2, 0)
+    F = _weighted_jacobian(W, G)
     pulls = np.concatenate([F.reshape(3, N, 6 * T), We.sum(axis=0)[:, :, None]], axis=2)
     held = _whitened(W.sum(axis=0), pulls).reshape(3 * N, 6 * T + 1)
     held, pull = held[:, :-1], held[:, -1]
@@ -120,6 +118,14 @@ def _taken_back(
         x_start = np.nanmedian(np.where(tracks.observed[:, None, :], z, np.nan), axis=0)
     x, W, d2 = best_reference(z, information, x_start, dof)
     return z, x, W, d2
+
+
+def _weighted_jacobian(W: Array, G: Array) -> Array:
+    """W G (3, N, T, 6) of weights (T, 6 or 1, N) and twist Jacobians (3, 6, N)."""
+    rows, w = G.transpose(0, 2, 1)[:, :, None], W.transpose(1, 2, 0)[..., None]
+    if len(w) == 1:
+        return rows * w
+    return np.stack([sum(w[UNPACK[a, b]] * rows[b] for b in range(3)) for a in range(3)])
 
 
 def _whitened(packed: Array, v: Array) -> Array:

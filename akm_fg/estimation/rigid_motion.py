@@ -48,9 +48,8 @@ def procrustes(a: FloatArray, b: FloatArray, w: FloatArray) -> tuple[FloatArray,
     total = np.maximum(w.sum(-1), 1e-300)[..., None]
     mean_a = np.einsum("...n,...ni->...i", w, a) / total
     mean_b = np.einsum("...n,...ni->...i", w, b) / total
-    cross = np.einsum(
-        "...ni,...nj->...ij", w[..., None] * (b - mean_b[..., None, :]), a - mean_a[..., None, :]
-    )
+    weighted = w[..., None] * (b - mean_b[..., None, :])
+    cross = weighted.swapaxes(-1, -2) @ (a - mean_a[..., None, :])
     U, _, Vt = np.linalg.svd(cross)
     U[..., :, 2] *= np.sign(np.linalg.det(U @ Vt))[..., None]
     R = U @ Vt
@@ -81,7 +80,7 @@ def free_rigid_motion(
     for _ in range(config.iterations):
         R, t = procrustes(shape[None], p, w * has_shape[None])
         shape, has_shape = _mean_shape(p, R, t, w)
-        e = p - np.einsum("tij,nj->tni", R, shape) - t[:, None]
+        e = p - shape @ R.transpose(0, 2, 1) - t[:, None]
         d2 = np.where(observed & has_shape[None], (e * e).sum(-1) / sigma2, np.nan)
         previous, scale = scale, _robust_scale(d2[:, member])
         w = np.where(np.nan_to_num(d2, nan=np.inf) < (config.inlier_sigmas * scale) ** 2, 1.0, 0.1)
@@ -114,7 +113,7 @@ def _mean_shape(
     p: FloatArray, R: FloatArray, t: FloatArray, w: FloatArray
 ) -> tuple[FloatArray, BoolArray]:
     """Weighted mean of the points taken back to the reference frame, and where it exists."""
-    back = np.einsum("tji,tnj->tni", R, p - t[:, None])
+    back = (p - t[:, None]) @ R
     total = w.sum(axis=0)
     mean = np.einsum("tn,tni->ni", w, back) / np.maximum(total, 1e-300)[:, None]
     return mean, total > 0
@@ -149,7 +148,7 @@ def _consensus(
     a, b = p[ref, index], p[far, index]
     triples = rng.random((config.samples, index.size)).argpartition(2, axis=1)[:, :3]
     R, t = procrustes(a[triples], b[triples], np.ones(triples.shape))
-    error = np.linalg.norm(b[None] - np.einsum("sij,nj->sni", R, a) - t[:, None], axis=-1)
+    error = np.linalg.norm(b - (a @ R.transpose(0, 2, 1)) - t[:, None], axis=-1)
     noise = np.sqrt(sigma2[ref, index] + sigma2[far, index])
     whitened = error / noise
     # The noise level may be off by a factor: judge by the agreeing points' own spread.
