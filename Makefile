@@ -5,6 +5,7 @@
 #   make slow    the statistical and long tests
 #   make bench   timings
 #   make peer    the environment of the peer that experiments compare with (.venv-peer)
+#   make experiments   every comparison of docs/experiments.md; hours, goes on where it was cut
 #   make lock    renew requirements.lock from setup.cfg
 
 PYTHON ?= $(shell command -v python3.11 || command -v python3)
@@ -15,7 +16,7 @@ PIP := $(BIN)/python -m pip --disable-pip-version-check --quiet
 # Byte code is made at first import: compiling all of it takes longer than the tests need.
 INSTALL := $(PIP) install --no-compile
 
-.PHONY: demo test check slow bench peer lock clean
+.PHONY: demo test check slow bench peer experiments lock clean
 
 demo: $(READY)
 	$(BIN)/akm-fg demo
@@ -52,6 +53,18 @@ peer: .venv-peer/.ready
 	test -x .venv-peer/bin/python || $(PYTHON) -m venv .venv-peer
 	.venv-peer/bin/python -m pip --disable-pip-version-check --quiet install --no-compile -r $<
 	touch $@
+
+experiments: export OMP_NUM_THREADS := 1
+experiments: $(READY) peer
+	$(BIN)/python -m experiments.accuracy_grid --part table --method graph --runs 200
+	$(BIN)/python -m experiments.accuracy_grid --part table --method paper --runs 48
+	$(BIN)/python -m experiments.accuracy_grid --part table --method peer --runs 48
+	$(BIN)/python -m experiments.accuracy_grid --part grid --method graph --runs 20
+	$(BIN)/python -m experiments.kind_against_travel --runs 100
+	$(BIN)/python -m experiments.kind_against_travel --method paper --runs 20
+	-$(BIN)/python -m experiments.rendered_recordings --suite furniture-116 --out runs/recordings
+	$(BIN)/python -m experiments.dense_gain --recordings runs/recordings
+	$(BIN)/python -m experiments.report
 
 lock:
 	rm -rf .venv-lock

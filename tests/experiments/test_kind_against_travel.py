@@ -1,0 +1,19 @@
+from experiments.kind_against_travel import KindConfig, kind_figure, kind_table, run
+from experiments.rows import read_rows
+
+
+def test_the_smallest_run_gives_rows_table_and_figure_and_is_not_run_again(tmp_path):
+    config = KindConfig(runs=1, first_seed=0, travels=(40.0,), out=tmp_path)
+    assert run(config) == 2
+    assert run(config) == 0
+    text = kind_table(read_rows(tmp_path))
+    assert text.index("| door 40 deg |") < text.index("| drawer 40 cm |")
+    kind_figure(read_rows(tmp_path), tmp_path / "figure.png")
+    assert (tmp_path / "figure.png").stat().st_size > 1000
+
+
+def test_every_trial_ends_in_exactly_one_way(a_row):
+    kinds = ["revolute", "undecided", None, "rigid", "prismatic"]
+    rows = [a_row(seed=i, kind=kind) for i, kind in enumerate(kinds)]
+    shares = [cell.split()[0] for cell in kind_table(rows).splitlines()[2].split("|")[4:8]]
+    assert shares == ["20.0", "40.0", "20.0", "20.0"]
