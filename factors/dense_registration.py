@@ -112,18 +112,18 @@ def dense_cost(
 
 
 def _latent_places(along: Array, precision: Array, dof: float) -> Array:
-    """Robust weighted means (S,) of the observed places (K, S), from their medians."""
-    m = np.zeros(along.shape[1])
-    some = precision.any(axis=0)
-    with np.errstate(all="ignore"):
-        m[some] = np.nanmedian(np.where(precision > 0, along, np.nan)[:, some], axis=0)
+    """Robust weighted means (S,) of the observed places (K, S), from their plain means.
+
+    What lies far off was not associated: there is no outlier to start away from.
+    """
+    m = (precision * along).sum(axis=0) / np.maximum(precision.sum(axis=0), 1e-300)
     for _ in range(_LATENT_ITERATIONS):
         e = along - m
         w = precision * weight(precision * e * e, dof, 1)
         total = np.maximum(w.sum(axis=0), 1e-300)
         step = (w * e).sum(axis=0) / total
         m += step
-        if (step**2 * total)[some].max(initial=0.0) < _LATENT_TOLERANCE:
+        if float((step**2 * total).mean()) < _LATENT_TOLERANCE:
             break
     return m
 
