@@ -22,6 +22,7 @@ FRAME_TURNS = {
     "generic": np.array([0.4, -0.9, 0.6]),
     "pi": np.pi * np.array([0.6, 0.0, 0.8]),
 }
+PITCH_M_PER_RAD = {"revolute": 0.0, "prismatic": 0.0, "helical": 0.07}
 
 
 @dataclass(frozen=True)
@@ -36,13 +37,28 @@ class Scene:
     cov_world: np.ndarray  # (T, N, 3, 3)
 
     @property
+    def pitch(self) -> float:
+        """Metres per radian; 0 of a joint that is not helical."""
+        return PITCH_M_PER_RAD[self.kind]
+
+    @property
     def tracks(self) -> TrackObservations:
         return TrackObservations.from_points(self.p_world, self.cov_world)
 
 
-def place(kind: str, T_world_joint: np.ndarray, q: float, x_joint: np.ndarray) -> np.ndarray:
-    """World points (N, 3) of joint-frame points at state q, by GTSAM's own group operations."""
-    T = gtsam.Pose3(T_world_joint).compose(gtsam.Pose3.Expmap(q * unit_twist(kind)))
+def place(
+    kind: str,
+    T_world_joint: np.ndarray,
+    q: float,
+    x_joint: np.ndarray,
+    pitch: float | None = None,
+) -> np.ndarray:
+    """World points (N, 3) of joint-frame points at state q, by GTSAM's own group operations.
+
+    `pitch` (metres per radian) is that of the kind's scenes where none is given.
+    """
+    S = unit_twist(kind, PITCH_M_PER_RAD[kind] if pitch is None else pitch)
+    T = gtsam.Pose3(T_world_joint).compose(gtsam.Pose3.Expmap(q * S))
     return np.array([T.transformFrom(x) for x in x_joint])
 
 
@@ -77,11 +93,11 @@ def scene():
 
 @pytest.fixture
 def world_points():
-    """place(kind, T_world_joint, q, x_joint)."""
+    """place(kind, T_world_joint, q, x_joint[, pitch])."""
     return place
 
 
-@pytest.fixture(params=["revolute", "prismatic"])
+@pytest.fixture(params=["revolute", "prismatic", "helical"])
 def kind(request):
     return request.param
 

@@ -70,8 +70,8 @@ def test_every_gauge_direction_is_fixed_and_no_other_is_measured(kind):
 
 def test_gauge_directions_are_exactly_those_the_tracks_leave_open(kind, scene):
     s = scene(kind)
-    cost = track_cost(kind, s.T_world_joint, s.q, s.tracks, 6.0, 1.0)
-    H, _ = track_normal_equations(kind, s.q, cost)
+    cost = track_cost(kind, s.T_world_joint, s.q, s.tracks, 6.0, 1.0, pitch=s.pitch)
+    H, _ = track_normal_equations(kind, s.q, cost, s.pitch)
     diagonal = np.diag(H)[:6]
     open_directions = [TANGENT[i] for i in range(6) if diagonal[i] < 1e-10 * diagonal.max()]
     assert tuple(open_directions) == GAUGE_NAMES[kind]

@@ -8,7 +8,9 @@ from numpy.testing import assert_allclose
 from factors.finite_differences import central_difference
 from factors.joint_motion import (
     adjoint_of_return,
+    cross,
     joint_displacement,
+    motion_jacobians,
     part_motion,
     reference_coordinates,
     skew,
@@ -17,7 +19,7 @@ from factors.joint_motion import (
 
 
 def _reference(s, T_world_joint, q):
-    return reference_coordinates(s.kind, T_world_joint, q, s.p_world.swapaxes(1, 2))
+    return reference_coordinates(s.kind, T_world_joint, q, s.p_world.swapaxes(1, 2), s.pitch)
 
 
 def test_door_opened_by_a_quarter_turn_moves_the_handle_from_x_to_y():
@@ -38,11 +40,26 @@ def test_drawer_pulled_by_ten_centimetres_moves_along_the_joint_axis():
     assert_allclose(t[0], [0.1, 0.0, 0.0], atol=1e-15)
 
 
+def test_screw_of_five_centimetres_a_radian_climbs_by_five_pi_centimetres_in_half_a_turn():
+    R, t = part_motion("helical", np.eye(4), np.array([np.pi]), 0.05)
+    assert_allclose(R[0] @ [0.7, 0.0, 1.0] + t[0], [-0.7, 0.0, 1.0 + 0.05 * np.pi], atol=1e-15)
+
+
+def test_a_screw_without_pitch_is_a_hinge(scene):
+    s = scene("revolute")
+    for hinge, screw in zip(
+        part_motion("revolute", s.T_world_joint, s.q),
+        part_motion("helical", s.T_world_joint, s.q),
+        strict=True,
+    ):
+        assert_allclose(screw, hinge, atol=1e-15)
+
+
 def test_joint_displacement_is_the_exponential_of_the_unit_twist(kind, case, scene):
-    q = scene(kind, case).q
-    rotations, translations = joint_displacement(kind, q)
-    for t, state in enumerate(q):
-        want = gtsam.Pose3.Expmap(state * unit_twist(kind))
+    s = scene(kind, case)
+    rotations, translations = joint_displacement(kind, s.q, s.pitch)
+    for t, state in enumerate(s.q):
+        want = gtsam.Pose3.Expmap(state * unit_twist(kind, s.pitch))
         assert_allclose(rotations[t], want.rotation().matrix(), atol=1e-12)
         assert_allclose(translations[t], want.translation(), atol=1e-12)
 
@@ -50,9 +67,9 @@ def test_joint_displacement_is_the_exponential_of_the_unit_twist(kind, case, sce
 def test_part_motion_is_the_displacement_seen_from_the_world(kind, case, scene):
     s = scene(kind, case)
     joint = gtsam.Pose3(s.T_world_joint)
-    R, t = part_motion(kind, s.T_world_joint, s.q)
+    R, t = part_motion(kind, s.T_world_joint, s.q, s.pitch)
     for k, state in enumerate(s.q):
-        want = joint * gtsam.Pose3.Expmap(state * unit_twist(kind)) * joint.inverse()
+        want = joint * gtsam.Pose3.Expmap(state * unit_twist(kind, s.pitch)) * joint.inverse()
         assert_allclose(R[k], want.rotation().matrix(), atol=1e-12)
         assert_allclose(t[k], want.translation(), atol=1e-12)
 
@@ -64,9 +81,10 @@ def test_at_the_truth_a_point_has_the_same_reference_coordinates_in_every_frame(
 
 
 def test_adjoint_of_return_is_that_of_the_inverse_displacement(kind, case, scene):
-    q = scene(kind, case).q
-    want = [gtsam.Pose3.Expmap(-state * unit_twist(kind)).AdjointMap() for state in q]
-    assert_allclose(adjoint_of_return(kind, q), want, atol=1e-12)
+    s = scene(kind, case)
+    S = unit_twist(kind, s.pitch)
+    want = [gtsam.Pose3.Expmap(-state * S).AdjointMap() for state in s.q]
+    assert_allclose(adjoint_of_return(kind, s.q, s.pitch), want, atol=1e-12)
 
 
 def test_twist_jacobian_of_reference_coordinates_matches_differences(kind, case, scene):
@@ -79,7 +97,7 @@ def test_twist_jacobian_of_reference_coordinates_matches_differences(kind, case,
 
     numeric = central_difference(moved, np.zeros(6)).reshape(*z.shape, 6)
     G = np.concatenate([skew(z.swapaxes(1, 2)), np.tile(-np.eye(3), (*z.shape[::2], 1, 1))], -1)
-    analytic = np.einsum("tnij,tjk->tink", G, adjoint_of_return(kind, s.q))
+    analytic = np.einsum("tnij,tjk->tink", G, adjoint_of_return(kind, s.q, s.pitch))
     assert_allclose(analytic, numeric, atol=1e-8)
 
 
@@ -91,9 +109,67 @@ def test_state_jacobian_of_reference_coordinates_matches_differences(kind, case,
         return _reference(s, s.T_world_joint, s.q + dq[0]).ravel()
 
     numeric = central_difference(moved, np.zeros(1)).reshape(z.shape)
-    S = unit_twist(kind)
+    S = unit_twist(kind, s.pitch)
     analytic = np.cross(z, S[:3], axisa=1, axisb=0, axisc=1) - S[3:, None]
     assert_allclose(analytic, numeric, atol=1e-8)
+
+
+def test_pitch_jacobian_of_reference_coordinates_matches_differences(case, scene):
+    s = scene("helical", case)
+
+    def moved(dh):
+        p = s.p_world.swapaxes(1, 2)
+        z = reference_coordinates("helical", s.T_world_joint, s.q, p, s.pitch + dh[0])
+        return z.ravel()
+
+    numeric = central_difference(moved, np.zeros(1)).reshape(len(s.q), 3, -1)
+    analytic = -s.q[:, None, None] * np.array([0.0, 0.0, 1.0])[:, None]
+    assert_allclose(numeric, np.broadcast_to(analytic, numeric.shape), atol=1e-8)
+
+
+def _log_of_change(s, T_world_joint, q, pitch):
+    """Twists (T, 6) from the scene's own motions to these, by GTSAM's logarithm."""
+    R0, t0 = part_motion(s.kind, s.T_world_joint, s.q, s.pitch)
+    R1, t1 = part_motion(s.kind, T_world_joint, q, pitch)
+    pairs = zip(R0, t0, R1, t1, strict=True)
+    return np.array(
+        [
+            gtsam.Pose3.Logmap(gtsam.Pose3(gtsam.Rot3(a), b).between(gtsam.Pose3(gtsam.Rot3(c), d)))
+            for a, b, c, d in pairs
+        ]
+    )
+
+
+def test_motion_jacobians_match_differences_of_the_motions_logarithms(kind, case, scene):
+    s = scene(kind, case)
+    by_xi, by_state, by_pitch = motion_jacobians(kind, s.T_world_joint, s.q, s.pitch)
+
+    def by(function, size):
+        numeric = central_difference(lambda d: function(d).ravel(), np.zeros(size))
+        return numeric.reshape(len(s.q), 6, size)
+
+    def turned(xi):
+        T = gtsam.Pose3(s.T_world_joint).compose(gtsam.Pose3.Expmap(xi)).matrix()
+        return _log_of_change(s, T, s.q, s.pitch)
+
+    assert_allclose(by_xi, by(turned, 6), atol=1e-7)
+    opened = by(lambda d: _log_of_change(s, s.T_world_joint, s.q + d[0], s.pitch), 1)
+    assert_allclose(by_state, opened[..., 0], atol=1e-7)
+    if kind == "helical":
+        pitched = by(lambda d: _log_of_change(s, s.T_world_joint, s.q, s.pitch + d[0]), 1)
+        assert_allclose(by_pitch, pitched[..., 0], atol=1e-7)
+
+
+def test_cross_of_x_and_y_is_z_and_of_any_two_vectors_what_numpy_says():
+    assert_allclose(cross(np.array([1.0, 0, 0]), np.array([0.0, 1, 0])), [0, 0, 1])
+    a, b = np.random.default_rng(0).normal(size=(2, 3))
+    assert_allclose(cross(a, b), np.cross(a, b), atol=1e-15)
+
+
+@pytest.mark.parametrize("kind", ["revolute", "prismatic"])
+def test_a_pitch_of_a_joint_that_is_not_helical_is_refused(kind):
+    with pytest.raises(ValueError, match=f"pitch 0.1 m/rad of a {kind} joint, expected 0"):
+        unit_twist(kind, 0.1)
 
 
 def test_skew_times_a_vector_is_the_cross_product():

@@ -32,7 +32,7 @@ def _measured(s, size, seed=0):
     out = []
     for state in s.q:
         R_wj = s.T_world_joint[:3, :3]
-        opened = _exp([0, 0, state]) if s.kind == "revolute" else np.eye(3)
+        opened = _exp([0, 0, state]) if s.kind != "prismatic" else np.eye(3)
         e = rng.normal(size=3)
         out.append(R_wj @ opened @ R_wj.T @ R_REF.matrix() @ _exp(size * e / np.linalg.norm(e)))
     return np.array(out)

@@ -22,20 +22,34 @@ from factors.point_track import (
 from factors.student_t import twice_negative_log_kernel, weight
 
 GAUSSIAN, ROBUST = 1e9, 4.0
-GAUGE = {"revolute": [2, 5], "prismatic": [2, 3, 4, 5]}
-JOINT = gtsam.symbol("j", 0)
+GAUGE = {"revolute": [2, 5], "helical": [2, 5], "prismatic": [2, 3, 4, 5]}
+JOINT, PITCH = gtsam.symbol("j", 0), gtsam.symbol("h", 0)
 
 
 def _state_keys(T):
     return [None, *(gtsam.symbol("q", t) for t in range(1, T))]
 
 
-def _values(T_world_joint, q):
+def _values(s, T_world_joint, q):
     values = gtsam.Values()
+    if s.kind == "helical":
+        values.insert(PITCH, s.pitch)
     values.insert(JOINT, gtsam.Pose3(T_world_joint))
     for key, state in zip(_state_keys(len(q))[1:], q[1:], strict=True):
         values.insert(key, float(state))
     return values
+
+
+def _factor(s, dof, scale=1.0, tracks=None):
+    return point_track_factor(
+        s.kind,
+        JOINT,
+        _state_keys(s.q.size),
+        s.tracks if tracks is None else tracks,
+        dof,
+        scale,
+        pitch_key=PITCH if s.kind == "helical" else None,
+    )
 
 
 def _off(s, seed=1, size=5e-3):
@@ -56,22 +70,24 @@ def _dense(s, T_world_joint, q, cost, dof, place, scale=1.0):
     """Information and gradient over (xi, q) by stacking residuals over joint, states and points.
 
     Nothing is shared with the factor: motion by GTSAM's group, derivatives by differences, the
-    latent points eliminated from the full matrix.
+    latent points eliminated from the full matrix. Of a helical joint the pitch comes last.
     """
     T, N, _ = s.p_world.shape
+    first = 6 + T + (s.kind == "helical")  # of the latent points
     roots = np.linalg.cholesky(_latent_information(s, cost.d2, dof, scale) + 1e-30 * np.eye(3))
     p = np.nan_to_num(s.p_world)
 
     def residual(delta):
-        x = (cost.x_joint.T.ravel() + delta[6 + T :]).reshape(N, 3)
+        x = (cost.x_joint.T.ravel() + delta[first:]).reshape(N, 3)
         pose = gtsam.Pose3(T_world_joint).compose(gtsam.Pose3.Expmap(delta[:6])).matrix()
-        e = np.array([p[t] - place(s.kind, pose, q[t] + delta[6 + t], x) for t in range(T)])
+        pitch = s.pitch + (delta[6 + T] if s.kind == "helical" else 0.0)
+        e = np.array([p[t] - place(s.kind, pose, q[t] + delta[6 + t], x, pitch) for t in range(T)])
         return np.einsum("tnij,tni->tnj", roots, e).ravel()
 
-    zero = np.zeros(6 + T + 3 * N)
+    zero = np.zeros(first + 3 * N)
     J, r = central_difference(residual, zero), residual(zero)
     H, g = J.T @ J, J.T @ r
-    a, b = slice(0, 6 + T), slice(6 + T, None)
+    a, b = slice(0, first), slice(first, None)
     return H[a, a] - H[a, b] @ np.linalg.solve(H[b, b], H[b, a]), g[a] - H[a, b] @ np.linalg.solve(
         H[b, b], g[b]
     )
@@ -88,8 +104,8 @@ def test_normal_equations_are_the_schur_complement_of_the_dense_system(
 ):
     s = scene(kind, case)
     T_world_joint, q = _off(s)
-    cost = track_cost(kind, T_world_joint, q, s.tracks, dof, 1.0)
-    H, g = track_normal_equations(kind, q, cost)
+    cost = track_cost(kind, T_world_joint, q, s.tracks, dof, 1.0, pitch=s.pitch)
+    H, g = track_normal_equations(kind, q, cost, s.pitch)
     H_dense, g_dense = _dense(s, T_world_joint, q, cost, dof, world_points)
     d = _scaled(H_dense)
     assert_allclose(H / np.outer(d, d), H_dense / np.outer(d, d), atol=1e-7)
@@ -102,8 +118,8 @@ def test_normal_equations_with_gaps_are_those_of_what_was_seen(kind, scene, worl
     s.p_world[2:, 4] = np.nan  # an early end
     s.cov_world[1, 6], s.p_world[1, 6] = np.nan, np.nan  # a gap without a covariance
     T_world_joint, q = _off(s)
-    cost = track_cost(kind, T_world_joint, q, s.tracks, GAUSSIAN, 1.0)
-    H, g = track_normal_equations(kind, q, cost)
+    cost = track_cost(kind, T_world_joint, q, s.tracks, GAUSSIAN, 1.0, pitch=s.pitch)
+    H, g = track_normal_equations(kind, q, cost, s.pitch)
     H_dense, g_dense = _dense(s, T_world_joint, q, cost, GAUSSIAN, world_points)
     d = _scaled(H_dense)
     assert_allclose(H / np.outer(d, d), H_dense / np.outer(d, d), atol=1e-7)
@@ -115,12 +131,14 @@ def test_gradient_is_that_of_the_cost(kind, case, dof, tolerance, scene):
     """The robust latent points stop 1e-3 of a squared deviation short: hence its tolerance."""
     s = scene(kind, case, isotropic=dof == ROBUST)
     T_world_joint, q = _off(s, size=1.5e-3)
-    cost = track_cost(kind, T_world_joint, q, s.tracks, dof, 1.0)
-    H, g = track_normal_equations(kind, q, cost)
+    cost = track_cost(kind, T_world_joint, q, s.tracks, dof, 1.0, pitch=s.pitch)
+    H, g = track_normal_equations(kind, q, cost, s.pitch)
 
     def half_cost(delta):
         pose = gtsam.Pose3(T_world_joint).compose(gtsam.Pose3.Expmap(delta[:6])).matrix()
-        return track_cost(kind, pose, q + delta[6:], s.tracks, dof, 1.0).twice_cost / 2
+        pitch = s.pitch + (delta[-1] if kind == "helical" else 0.0)
+        states = q + delta[6 : 6 + q.size]
+        return track_cost(kind, pose, states, s.tracks, dof, 1.0, pitch=pitch).twice_cost / 2
 
     numeric = central_difference(lambda d: np.array([half_cost(d)]), np.zeros(g.size), 3e-5)[0]
     d = _scaled(H)
@@ -131,21 +149,21 @@ def test_gradient_is_that_of_the_cost(kind, case, dof, tolerance, scene):
 def test_gradient_of_the_factor_in_gtsam_is_that_of_its_error(kind, case, scene):
     s = scene(kind, case)
     T_world_joint, q = _off(s)
-    factor = point_track_factor(kind, JOINT, _state_keys(q.size), s.tracks, GAUSSIAN, 1.0)
-    values = _values(T_world_joint, q)
-    numeric = numeric_gradient(factor, values, [6] + [1] * (q.size - 1), 3e-5)
+    factor = _factor(s, GAUSSIAN)
+    values = _values(s, T_world_joint, q)
+    numeric = numeric_gradient(factor, values, [6] + [1] * (len(list(factor.keys())) - 1), 3e-5)
     assert_allclose(analytic_gradient(factor, values), numeric, atol=1e-5 * np.abs(numeric).max())
 
 
 def test_factor_keeps_information_gradient_and_cost_of_the_free_variables(kind, scene):
     s = scene(kind)
     T_world_joint, q = _off(s)
-    cost = track_cost(kind, T_world_joint, q, s.tracks, ROBUST, 1.3)
-    H, g = track_normal_equations(kind, q, cost)
-    factor = point_track_factor(kind, JOINT, _state_keys(q.size), s.tracks, ROBUST, 1.3)
-    values = _values(T_world_joint, q)
+    cost = track_cost(kind, T_world_joint, q, s.tracks, ROBUST, 1.3, pitch=s.pitch)
+    H, g = track_normal_equations(kind, q, cost, s.pitch)
+    factor = _factor(s, ROBUST, 1.3)
+    values = _values(s, T_world_joint, q)
     A, b = factor.linearize(values).jacobian()
-    free = [*range(6), *range(7, 6 + q.size)]
+    free = [*range(6), *range(7, H.shape[0])]
     assert_allclose(A.T @ A, H[np.ix_(free, free)], atol=1e-9 * H.max())
     assert_allclose(-A.T @ b, g[free], atol=1e-9 * np.abs(g).max())
     assert_allclose(b @ b / 2, cost.twice_cost / 2)
@@ -154,8 +172,8 @@ def test_factor_keeps_information_gradient_and_cost_of_the_free_variables(kind, 
 
 def test_factor_gives_the_same_error_after_moving_away_and_back(kind, scene):
     s = scene(kind, isotropic=True)
-    factor = point_track_factor(kind, JOINT, _state_keys(4), s.tracks, ROBUST, 1.0)
-    near, far = _values(s.T_world_joint, s.q), _values(*_off(s))
+    factor = _factor(s, ROBUST)
+    near, far = _values(s, s.T_world_joint, s.q), _values(s, *_off(s))
     first, other = factor.error(near), factor.error(far)
     assert abs(first - other) > 1
     assert_allclose(factor.error(near), first, atol=1e-2)
@@ -164,8 +182,8 @@ def test_factor_gives_the_same_error_after_moving_away_and_back(kind, scene):
 def test_gauge_directions_carry_no_information(kind, case, scene):
     s = scene(kind, case)
     T_world_joint, q = _off(s)
-    cost = track_cost(kind, T_world_joint, q, s.tracks, ROBUST, 1.0)
-    H, g = track_normal_equations(kind, q, cost)
+    cost = track_cost(kind, T_world_joint, q, s.tracks, ROBUST, 1.0, pitch=s.pitch)
+    H, g = track_normal_equations(kind, q, cost, s.pitch)
     rounding = 1e-12 * H.max()
     assert_allclose(H[GAUGE[kind]], 0.0, atol=rounding)
     assert_allclose(g[GAUGE[kind]], 0.0, atol=rounding)
@@ -173,8 +191,8 @@ def test_gauge_directions_carry_no_information(kind, case, scene):
 
 def test_every_other_direction_carries_information(kind, scene):
     s = scene(kind)
-    cost = track_cost(kind, s.T_world_joint, s.q, s.tracks, ROBUST, 1.0)
-    H, _ = track_normal_equations(kind, s.q, cost)
+    cost = track_cost(kind, s.T_world_joint, s.q, s.tracks, ROBUST, 1.0, pitch=s.pitch)
+    H, _ = track_normal_equations(kind, s.q, cost, s.pitch)
     kept = [i for i in range(H.shape[0]) if i not in GAUGE[kind] and i != 6]
     d = _scaled(H)[kept]
     assert np.linalg.eigvalsh(H[np.ix_(kept, kept)] / np.outer(d, d))[0] > 1e-6
@@ -182,10 +200,10 @@ def test_every_other_direction_carries_information(kind, scene):
 
 def test_error_and_gradient_vanish_at_the_truth(kind, case, scene):
     s = scene(kind, case, sigma=0)
-    cost = track_cost(kind, s.T_world_joint, s.q, s.tracks, ROBUST, 1.0)
+    cost = track_cost(kind, s.T_world_joint, s.q, s.tracks, ROBUST, 1.0, pitch=s.pitch)
     assert_allclose(cost.twice_cost, 0.0, atol=1e-18)
     assert_allclose(cost.x_joint, s.x_joint.T, atol=1e-12)
-    _, g = track_normal_equations(kind, s.q, cost)
+    _, g = track_normal_equations(kind, s.q, cost, s.pitch)
     assert_allclose(g, 0.0, atol=1e-6)
 
 
@@ -211,16 +229,18 @@ def test_latent_point_lies_nearer_to_the_more_certain_observation():
 def test_doubled_scale_quarters_squared_errors_and_information(kind, scene):
     s = scene(kind)
     T_world_joint, q = _off(s)
-    costs = [track_cost(kind, T_world_joint, q, s.tracks, GAUSSIAN, k) for k in (1.0, 2.0)]
+    costs = [
+        track_cost(kind, T_world_joint, q, s.tracks, GAUSSIAN, k, pitch=s.pitch) for k in (1.0, 2.0)
+    ]
     assert_allclose(costs[1].d2, costs[0].d2 / 4, rtol=1e-6)
-    H1, H2 = (track_normal_equations(kind, q, cost)[0] for cost in costs)
+    H1, H2 = (track_normal_equations(kind, q, cost, s.pitch)[0] for cost in costs)
     assert_allclose(H2, H1 / 4, atol=1e-6 * H1.max())
 
 
 def test_log_determinants_are_those_of_the_covariances(scene):
     s = scene(sigma=0, isotropic=True)
     s.p_world[1, 2] = np.nan
-    cost = track_cost("revolute", s.T_world_joint, s.q, s.tracks, GAUSSIAN, 2.0)
+    cost = track_cost("revolute", s.T_world_joint, s.q, s.tracks, GAUSSIAN, 2.0, pitch=s.pitch)
     seen = np.isfinite(s.p_world[..., 0]).sum(axis=0)
     assert_allclose(s.tracks.log_det_cov, seen.sum() * 3 * np.log(0.003**2))
     assert_allclose(cost.log_det_latent, 3 * np.log(seen / 0.006**2).sum(), rtol=1e-8)
@@ -245,21 +265,21 @@ def test_covariance_of_a_drawer_is_the_one_worked_on_paper(scene):
 def test_state_information_is_that_with_joint_and_points_held(kind, case, scene, world_points):
     s = scene(kind, case)
     T_world_joint, q = _off(s)
-    cost = track_cost(kind, T_world_joint, q, s.tracks, ROBUST, 1.0)
+    cost = track_cost(kind, T_world_joint, q, s.tracks, ROBUST, 1.0, pitch=s.pitch)
     information = _latent_information(s, cost.d2, ROBUST, 1.0)
     x, h = cost.x_joint.T, 1e-6
     for t, state in enumerate(q):
         ends = [world_points(kind, T_world_joint, state + d, x) for d in (h, -h)]
         step = (ends[0] - ends[1]) / (2 * h)
         want = np.einsum("ni,nij,nj->", step, information[t], step)
-        assert_allclose(state_information(kind, cost)[t], want, rtol=1e-6)
+        assert_allclose(state_information(kind, cost, s.pitch)[t], want, rtol=1e-6)
 
 
 def test_states_alone_step_back_to_the_truth_from_exact_points(kind, case, scene):
     s = scene(kind, case, sigma=0)
     q = s.q + np.array([0.1, -0.05, 0.02, 0.08])
     for _ in range(30):
-        step, _ = state_step(kind, s.T_world_joint, q, s.x_joint.T, s.tracks, ROBUST, 1.0)
+        step, _ = state_step(kind, s.T_world_joint, q, s.x_joint.T, s.tracks, ROBUST, 1.0, s.pitch)
         q = q + step
     assert_allclose(q, s.q, atol=1e-9)
 
@@ -269,7 +289,7 @@ def test_state_step_is_gradient_over_information(kind, dof, scene, world_points)
     s = scene(kind)
     s.p_world[2, 1] = np.nan
     x, q = s.x_joint, s.q + 1e-3
-    step, information = state_step(kind, s.T_world_joint, q, x.T, s.tracks, dof, 1.3)
+    step, information = state_step(kind, s.T_world_joint, q, x.T, s.tracks, dof, 1.3, s.pitch)
     seen = np.isfinite(s.p_world).all(-1)
     inverse = np.linalg.inv(s.cov_world) / 1.3**2
 
@@ -289,10 +309,13 @@ def test_a_point_that_is_lost_does_not_count(kind, scene):
     s.p_world[1:, 3] = np.nan  # seen once: its own latent point takes all of it up
     keep = [0, 1, 2, 4, 5, 6]
     tracks = TrackObservations.from_points(without.p_world[:, keep], without.cov_world[:, keep])
-    costs = [track_cost(kind, s.T_world_joint, s.q, t, ROBUST, 1.0) for t in (s.tracks, tracks)]
+    costs = [
+        track_cost(kind, s.T_world_joint, s.q, t, ROBUST, 1.0, pitch=s.pitch)
+        for t in (s.tracks, tracks)
+    ]
     assert_allclose(costs[0].twice_cost, costs[1].twice_cost, atol=1e-9)
     assert_allclose(costs[0].d2[1:, 3], 0.0)
-    (H0, g0), (H1, g1) = (track_normal_equations(kind, s.q, cost) for cost in costs)
+    (H0, g0), (H1, g1) = (track_normal_equations(kind, s.q, cost, s.pitch) for cost in costs)
     assert_allclose(H0, H1, atol=1e-9 * H1.max())
     assert_allclose(g0, g1, atol=1e-9 * np.abs(g1).max())
 
@@ -300,9 +323,9 @@ def test_a_point_that_is_lost_does_not_count(kind, scene):
 def test_what_stands_beside_a_lost_point_is_never_read(kind, scene):
     s = scene(kind)
     s.p_world[2, 1] = [np.nan, 1e3, -1e3]
-    before = track_cost(kind, s.T_world_joint, s.q, s.tracks, ROBUST, 1.0)
+    before = track_cost(kind, s.T_world_joint, s.q, s.tracks, ROBUST, 1.0, pitch=s.pitch)
     s.p_world[2, 1], s.cov_world[2, 1] = np.nan, 7.0
-    after = track_cost(kind, s.T_world_joint, s.q, s.tracks, ROBUST, 1.0)
+    after = track_cost(kind, s.T_world_joint, s.q, s.tracks, ROBUST, 1.0, pitch=s.pitch)
     assert before.twice_cost == after.twice_cost
 
 
@@ -310,10 +333,13 @@ def test_the_order_of_the_tracks_does_not_matter(kind, scene):
     s = scene(kind, points=9)
     order = np.random.default_rng(0).permutation(9)
     shuffled = TrackObservations.from_points(s.p_world[:, order], s.cov_world[:, order])
-    costs = [track_cost(kind, s.T_world_joint, s.q, t, ROBUST, 1.0) for t in (s.tracks, shuffled)]
+    costs = [
+        track_cost(kind, s.T_world_joint, s.q, t, ROBUST, 1.0, pitch=s.pitch)
+        for t in (s.tracks, shuffled)
+    ]
     assert_allclose(costs[1].twice_cost, costs[0].twice_cost)
     assert_allclose(costs[1].d2, costs[0].d2[:, order], atol=1e-9)
-    (H0, g0), (H1, g1) = (track_normal_equations(kind, s.q, cost) for cost in costs)
+    (H0, g0), (H1, g1) = (track_normal_equations(kind, s.q, cost, s.pitch) for cost in costs)
     assert_allclose(H1, H0, atol=1e-10 * H0.max())
     assert_allclose(g1, g0, atol=1e-9 * np.abs(g0).max())
 
@@ -324,17 +350,17 @@ def test_a_turned_world_changes_nothing(kind, scene):
     W = gtsam.Pose3(gtsam.Rot3.Expmap(np.array([1.0, -2.0, 0.5])), np.array([3.0, -1.0, 2.0]))
     R = W.rotation().matrix()
     turned = TrackObservations.from_points(s.p_world @ R.T + W.translation(), R @ s.cov_world @ R.T)
-    here = track_cost(kind, T_world_joint, q, s.tracks, ROBUST, 1.0)
-    there = track_cost(kind, W.matrix() @ T_world_joint, q, turned, ROBUST, 1.0)
+    here = track_cost(kind, T_world_joint, q, s.tracks, ROBUST, 1.0, pitch=s.pitch)
+    there = track_cost(kind, W.matrix() @ T_world_joint, q, turned, ROBUST, 1.0, pitch=s.pitch)
     assert_allclose(there.twice_cost, here.twice_cost, rtol=1e-9)
-    H0, H1 = (track_normal_equations(kind, q, cost)[0] for cost in (here, there))
+    H0, H1 = (track_normal_equations(kind, q, cost, s.pitch)[0] for cost in (here, there))
     assert_allclose(H1, H0, atol=1e-8 * H0.max())
 
 
 def _solve(s, tracks, dof):
-    values = _values(s.T_world_joint, s.q)
+    values = _values(s, s.T_world_joint, s.q)
     graph = gtsam.NonlinearFactorGraph()
-    graph.push_back(point_track_factor(s.kind, JOINT, _state_keys(s.q.size), tracks, dof, 1.0))
+    graph.push_back(_factor(s, dof, tracks=tracks))
     R, centroid = values.atPose3(JOINT).rotation(), s.p_world[0].mean(axis=0)
     graph.push_back(gauge_factor(s.kind, JOINT, R, centroid))
     return gtsam.LevenbergMarquardtOptimizer(graph, values).optimize().atPose3(JOINT)
@@ -359,7 +385,7 @@ def test_one_wild_track_hardly_moves_the_axis(kind, scene):
 def test_the_kernel_acts_per_observation_not_per_track(scene):
     s = scene(points=10, isotropic=True)
     s.p_world[2, 4] += [0.3, 0.0, 0.0]  # one jump of one point
-    cost = track_cost("revolute", s.T_world_joint, s.q, s.tracks, ROBUST, 1.0)
+    cost = track_cost("revolute", s.T_world_joint, s.q, s.tracks, ROBUST, 1.0, pitch=s.pitch)
     w = weight(cost.d2, ROBUST, 3)
     assert w[2, 4] < 1e-3
     others = np.delete(w.ravel(), 2 * 10 + 4)
@@ -373,7 +399,7 @@ def test_fifty_factors_are_freed_with_their_observations(scene):
         tracks = s.tracks
         alive.append(weakref.ref(tracks.p_world))
         factor = point_track_factor("revolute", JOINT, _state_keys(4), tracks, ROBUST, 1.0)
-        factor.linearize(_values(s.T_world_joint, s.q))
+        factor.linearize(_values(s, s.T_world_joint, s.q))
         del factor, tracks, s
     gc.collect()
     assert sum(ref() is not None for ref in alive) == 0
@@ -382,7 +408,11 @@ def test_fifty_factors_are_freed_with_their_observations(scene):
 def test_unit_twist_moves_a_point_of_the_factor_as_the_joint_does(kind, scene, world_points):
     """One frame: opening the joint and turning its frame by the same twist are the same."""
     s = scene(kind, sigma=0)
-    T = gtsam.Pose3(s.T_world_joint).compose(gtsam.Pose3.Expmap(0.2 * unit_twist(kind))).matrix()
+    T = (
+        gtsam.Pose3(s.T_world_joint)
+        .compose(gtsam.Pose3.Expmap(0.2 * unit_twist(kind, s.pitch)))
+        .matrix()
+    )
     assert_allclose(
         world_points(kind, T, 0.1, s.x_joint),
         world_points(kind, s.T_world_joint, 0.3, s.x_joint),
@@ -426,3 +456,23 @@ def test_an_observed_point_without_a_covariance_is_refused(scene):
     s.cov_world[1, 2] = np.nan
     with pytest.raises(ValueError, match="covariance of an observed point is not finite"):
         _ = s.tracks
+
+
+@pytest.mark.parametrize(("kind", "pitch_key"), [("helical", None), ("revolute", PITCH)])
+def test_a_pitch_missing_or_out_of_place_is_refused(kind, pitch_key, scene):
+    with pytest.raises(ValueError, match=f"a {kind} joint with pitch key"):
+        point_track_factor(
+            kind, JOINT, _state_keys(4), scene().tracks, ROBUST, 1.0, pitch_key=pitch_key
+        )
+
+
+def test_pitch_of_a_screw_is_fitted_from_exact_points(scene):
+    s = scene("helical", sigma=0, q=np.linspace(0, 0.8, 5))
+    values = _values(s, s.T_world_joint, s.q)
+    values.update(PITCH, s.pitch + 0.02)
+    graph = gtsam.NonlinearFactorGraph()
+    graph.push_back(_factor(s, ROBUST))
+    R, centroid = values.atPose3(JOINT).rotation(), s.p_world[0].mean(axis=0)
+    graph.push_back(gauge_factor(s.kind, JOINT, R, centroid))
+    solved = gtsam.LevenbergMarquardtOptimizer(graph, values).optimize()
+    assert_allclose(solved.atDouble(PITCH), s.pitch, atol=1e-6)
