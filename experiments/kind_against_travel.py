@@ -25,6 +25,7 @@ from experiments.tables import NoRows, grouped, markdown, of_method, percent
 from experiments.track_methods import METHODS, run_trials
 
 TRAVELS = (0.5, 1.0, 1.5, 2.0, 3.0, 4.0, 5.0, 7.0, 10.0, 15.0, 25.0, 40.0)  # deg and cm
+SURE = 0.95  # share of right trials from which on a kind can be told
 FIRST_SEED = 40_000  # nothing was tuned on seeds from here on
 
 
@@ -80,6 +81,28 @@ def kind_table(rows: Sequence[TrialRow]) -> str:
             shares = [percent(share([o.happened(row) for row in some])) for o in OUTCOMES]
             lines.append([cell.travel_name, NAMES[method], str(len(some)), *shares])
     return markdown(["travel", "method", "trials", *(f"{o.name}, %" for o in OUTCOMES)], lines)
+
+
+def kind_summary(rows: Sequence[TrialRow]) -> str:
+    """From which travel on the kind is right, and what happened before that."""
+    lines = []
+    for method, part, cells in _series(rows):
+        unit = "deg" if part == "door" else "cm"
+        first = len(cells)
+        while first > 0 and share([row.kind_right for row in cells[first - 1][1]]).value >= SURE:
+            first -= 1
+        before = [row for _, some in cells[:first] for row in some]
+        wrong = sum(row.confidently_wrong for row in before)
+        rigid = sum(row.confidently_wrong and row.kind == "rigid" for row in before)
+        start = f"never right in {100 * SURE:g} % of the trials for good"
+        if first < len(cells):
+            travel = f"{cells[first][0].travel:g} {unit}"
+            start = f"right in {100 * SURE:g} % of the trials or more from {travel} on"
+        lines.append(
+            f"- {NAMES[method]}, {part}s: {start}; before that confidently wrong in {wrong} of "
+            f"{len(before)} trials, {rigid} of them named rigid."
+        )
+    return "\n".join(lines)
 
 
 def kind_figure(rows: Sequence[TrialRow], file: Path) -> None:

@@ -62,6 +62,7 @@ PARTS = (
     Part("cramer-rao", "accuracy", cramer_rao.ratio_table),
     Part("cramer-rao-ratio", "accuracy", figure=cramer_rao.ratio_figure),
     Part("kind-against-travel", "kind-against-travel", kind_against_travel.kind_table),
+    Part("kind-summary", "kind-against-travel", kind_against_travel.kind_summary),
     Part("kind-outcomes", "kind-against-travel", figure=kind_against_travel.kind_figure),
 )
 FOLDERS = ("accuracy", "dense-gain", "kind-against-travel")

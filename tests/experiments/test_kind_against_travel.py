@@ -1,4 +1,11 @@
-from experiments.kind_against_travel import KindConfig, kind_figure, kind_table, run
+from experiments.cells import Cell
+from experiments.kind_against_travel import (
+    KindConfig,
+    kind_figure,
+    kind_summary,
+    kind_table,
+    run,
+)
 from experiments.rows import read_rows
 
 
@@ -17,3 +24,13 @@ def test_every_trial_ends_in_exactly_one_way(a_row):
     rows = [a_row(seed=i, kind=kind) for i, kind in enumerate(kinds)]
     shares = [cell.split()[0] for cell in kind_table(rows).splitlines()[2].split("|")[4:8]]
     assert shares == ["20.0", "40.0", "20.0", "20.0"]
+
+
+def test_the_travel_from_which_on_the_kind_is_right_counts_no_lucky_cell_before(a_row):
+    """Right at 1 and 3 deg, wrong at 2: it can be told from 3 on."""
+    kinds = {0.5: "rigid", 1.0: "revolute", 2.0: "prismatic", 3.0: "revolute"}
+    rows = [a_row(cell=Cell("door", travel).name, kind=kind) for travel, kind in kinds.items()]
+    text = kind_summary(rows)
+    assert "from 3 deg on" in text
+    assert "confidently wrong in 2 of 3 trials, 1 of them named rigid" in text
+    assert "never" in kind_summary(rows[:3])

@@ -20,7 +20,7 @@ def _truth(xi=XI, sign=1.0, along=0.0, kind="revolute"):
     return JointTruth(kind, sign * T[:3, 2], pivot, states)
 
 
-def _fit(kind="revolute", states=(0.0, 0.11, 0.23)):
+def _fit(kind="revolute", states=(0.0, 0.11, 0.222)):
     T = T_EST.matrix()
     claimed = Uncertainty(T, np.diag(SD**2), 2.45e-4, 0.00245, np.array([0.0, 0.01, 0.01]))
     pivot = T[:3, 3] if kind == "revolute" else None
@@ -39,16 +39,16 @@ def test_nees_is_the_error_over_the_claimed_sd_squared_and_summed():
     assert_allclose(found.nees_pivot, 9 + 1, rtol=1e-2)
     assert_allclose(found.nees_joint, 15, rtol=1e-2)
     assert found.dof_joint == 4
-    assert_allclose(found.nees_last_state, 9)
+    assert_allclose(found.nees_last_state, 2.2**2)
 
 
 def test_inside_is_below_chi_squares_95_percent():
-    """5 < 5.99 (2), 10 > 5.99 (2), 15 > 9.49 (4), 9 > 3.84 (1)."""
+    """5 < 5.99 (2), 10 > 5.99 (2), 15 > 9.49 (4), 4.84 > 3.84 (1)."""
     found = consistency_of(_fit(), _truth())
     assert (found.axis_inside95, found.pivot_inside95) == (True, False)
     assert (found.joint_inside95, found.last_state_inside95) == (False, False)
     assert (found.axis_inside_bound, found.pivot_inside_bound) == (True, False)
-    assert found.states_inside95 == 0.5  # 0.01 off at sd 0.01; 0.03 off
+    assert found.states_inside95 == 0.5  # 0.01 off at sd 0.01; 0.022 off
 
 
 def test_a_drawer_has_an_axis_and_no_pivot():
@@ -65,8 +65,8 @@ def test_errors_by_hand_with_either_sign_of_the_axis(sign):
     assert_allclose(found.axis_error_deg, np.degrees(np.hypot(2e-4, 1e-4)), rtol=1e-6)
     assert_allclose(found.pivot_error_m, np.hypot(0.003, 0.001), rtol=1e-3)
     assert_allclose(found.line_distance_m, 0.007 / np.sqrt(5), rtol=2e-3)
-    assert_allclose(found.last_state_error, 0.03)
-    assert_allclose(found.state_rms_error, np.sqrt((0.01**2 + 0.03**2) / 3))
+    assert_allclose(found.last_state_error, 0.022)
+    assert_allclose(found.state_rms_error, np.sqrt((0.01**2 + 0.022**2) / 3))
 
 
 def test_a_fit_without_a_covariance_is_scored_for_accuracy_alone():
