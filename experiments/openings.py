@@ -38,6 +38,11 @@ class Opening:
         return self.T_world_joint[:3, 2]
 
     @property
+    def T_world_panel(self) -> gtsam.Pose3:
+        """The panel at state zero: x across, y along its normal, z up, its middle the origin."""
+        return gtsam.Pose3(self.T_world_joint) * _panel_joint(self.kind).inverse()
+
+    @property
     def truth(self) -> JointTruth:
         """The joint as recordings give it."""
         pivot = self.T_world_joint[:3, 3] if self.kind == "revolute" else None

@@ -223,7 +223,7 @@ def track_normal_equations(
     twist_information = weighted_twist_products(W, G)
     twist_gradient = We.reshape(T, -1) @ G.transpose(0, 2, 1).reshape(3 * N, 6)
     F = np.empty((3, 6 + T + c - 1, N))
-    moved = (adjoint.reshape(T, 36).T @ W.reshape(T, -1)).reshape(6, 6, -1, N)  # j, k, packed, n
+    moved = (adjoint.reshape(T, 36).T @ W.reshape(T, -1)).reshape(6, 6, W.shape[1], N)
     if moved.shape[2] == 1:
         F[:, :6] = np.einsum("jkn,ajn->akn", moved[:, :, 0], G)
     else:
