@@ -12,7 +12,6 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 
 from akm_fg.errors import InsufficientData, TracksLost
 from akm_fg.estimation.config import FitConfig
@@ -28,6 +27,7 @@ from akm_fg.estimation.leading_kind import LeadingKind
 from akm_fg.estimation.posterior import ArticulationPosterior, JointPosterior, NamedKind
 from akm_fg.estimation.rigid_motion import MIN_POINTS
 from akm_fg.estimation.steps import Steps, to_end
+from akm_fg.estimation.stream_tracks import StreamTracks
 from akm_fg.records import BoolArray, FloatArray, PointTracks
 
 
@@ -56,6 +56,7 @@ class FrameUpdate:
     joint: JointPosterior | None  # of the most probable kind; None while that is rigid
     state: float | None  # of this frame, metres or radians; None where it is not seen
     state_sd: float | None
+    zero_frame: int | None  # where the state is zero: the first frame whose tracks are kept
     keyframes: int
     warning: str | None  # why kinds could not be fitted or solved on, of the last attempt
 
@@ -91,9 +92,8 @@ class IncrementalFit:
             config.max_keyframes, config.max_pooled, config.fit.rigid_motion.inlier_sigmas
         )
         self._settings = StreamSettings(name, noise_known, seed, systematic_m, config.fit)
-        self._ids = np.zeros(0, dtype=int)  # of the tracks kept, the caller's indices
-        self._tracks = 0  # of the caller
-        self._frames, self._stamp_s, self._version = 0, -np.inf, 0
+        self._tracks = StreamTracks(config.max_tracks)
+        self._version = 0  # of the keyframes
         self._lead: LeadingKind | None = None
         self._states: dict[int, float] = {}  # of the keyframes, under the leading kind
         self._solved_total = self._compared_total = 0
@@ -131,8 +131,7 @@ class IncrementalFit:
             ValueError: shapes that do not match, fewer tracks than before, covariances that are
                 not positive definite, or a stamp that does not grow.
         """
-        self._check(p_world, cov_world, stamp_s)
-        frame = self._taken_in(p_world, cov_world)
+        frame = self._tracks.taken_in(p_world, cov_world, stamp_s, self._keyframes)
         with one_blas_thread():
             state, is_keyframe = self._placed(frame)
             if is_keyframe and self._lead is not None:
@@ -155,54 +154,6 @@ class IncrementalFit:
                 self._publish(to_end(compare_kinds(self._snapshot(), self._settings)))
         assert self._compared is not None
         return self._compared.posterior()
-
-    def _check(self, p_world: FloatArray, cov_world: FloatArray, stamp_s: float | None) -> None:
-        if p_world.ndim != 2 or p_world.shape[1] != 3 or cov_world.shape != (*p_world.shape, 3):
-            raise ValueError(
-                f"frame {self._frames}: points {p_world.shape} and covariances "
-                f"{cov_world.shape}, expected (N, 3) and (N, 3, 3)"
-            )
-        if p_world.shape[0] < self._tracks:
-            raise ValueError(
-                f"frame {self._frames}: {p_world.shape[0]} tracks after {self._tracks}; expected "
-                "at least as many, NaN where a track is lost"
-            )
-        cov = cov_world[np.isfinite(p_world).all(axis=1)]
-        if not np.isfinite(cov).all() or not (np.linalg.eigvalsh(cov) > 0).all():
-            raise ValueError(f"frame {self._frames}: a covariance is not positive definite")
-        if stamp_s is not None and not stamp_s > self._stamp_s:
-            raise ValueError(
-                f"frame {self._frames}: stamp {stamp_s} s after {self._stamp_s} s; expected to grow"
-            )
-        self._stamp_s = self._stamp_s if stamp_s is None else stamp_s
-
-    def _taken_in(self, p_world: FloatArray, cov_world: FloatArray) -> StreamFrame:
-        """The frame in the columns of the kept tracks, new ones among them."""
-        seen = np.flatnonzero(np.isfinite(p_world).all(axis=1))
-        fresh = np.setdiff1d(seen, self._ids)
-        if fresh.size:
-            self._make_room(seen, fresh.size)
-            old = self._ids.size
-            self._ids = np.concatenate([self._ids, fresh])
-            self._keyframes.select_columns(np.arange(old), self._ids.size)
-        p, cov = np.full((self._ids.size, 3), np.nan), np.full((self._ids.size, 3, 3), np.nan)
-        here = np.isin(self._ids, seen)
-        p[here], cov[here] = p_world[self._ids[here]], cov_world[self._ids[here]]
-        number, self._frames, self._tracks = self._frames, self._frames + 1, p_world.shape[0]
-        return StreamFrame(number, p, cov)
-
-    def _make_room(self, seen: NDArray[np.int_], fresh: int) -> None:
-        """Forget lost tracks beyond the limit, those in the fewest keyframes first."""
-        lost = np.flatnonzero(~np.isin(self._ids, seen))
-        surplus = min(self._ids.size + fresh - self._config.max_tracks, lost.size)
-        if surplus <= 0:
-            return
-        count = self._keyframes.tracks().observed.sum(axis=0)
-        forgotten = lost[np.argsort(count[lost], kind="stable")[:surplus]]
-        kept = np.setdiff1d(np.arange(self._ids.size), forgotten)
-        self._ids = self._ids[kept]
-        self._keyframes.select_columns(kept, kept.size)
-        self._version += 1
 
     def _placed(self, frame: StreamFrame) -> tuple[tuple[float, float] | None, bool]:
         """State and deviation of a frame that becomes a keyframe (True) or is pooled into one."""
@@ -239,16 +190,16 @@ class IncrementalFit:
     def _members(self, frame: StreamFrame) -> BoolArray:
         """(N,) tracks that tell how far the part is: those known to be its, where enough are."""
         if self._lead is not None:
-            members = np.isin(self._ids, self._lead.ids)
+            members = np.isin(self._tracks.ids, self._lead.ids)
             if (members & frame.observed).sum() >= MIN_POINTS:
                 return np.asarray(members)
-        return np.ones(self._ids.size, dtype=bool)
+        return np.ones(self._tracks.ids.size, dtype=bool)
 
     def _state(self, frame: StreamFrame, nearest: int) -> tuple[float, float] | None:
         if self._lead is None:
             return None
         start = self._states.get(self._keyframes.frames[nearest].number, 0.0)
-        return self._lead.state(frame, self._ids, start)
+        return self._lead.state(frame, self._tracks.ids, start)
 
     def _motion(self, number_from: int, number_to: int) -> tuple[FloatArray, FloatArray]:
         """Of the part between two frames; none as long as no kind of motion leads."""
@@ -262,7 +213,9 @@ class IncrementalFit:
         assert self._lead is not None
         self._solved_total = self._keyframes.total
         try:
-            self._lead = lead = self._lead.solved_on(self._keyframes, self._ids, self._states)
+            self._lead = lead = self._lead.solved_on(
+                self._keyframes, self._tracks.ids, self._states
+            )
         except InsufficientData as error:
             self._warning = str(error)
             return None
@@ -291,6 +244,8 @@ class IncrementalFit:
             next(comparing)
         except StopIteration as end:
             self._publish(end.value)
+            if self._lead is not None:  # what came in meanwhile
+                self._solved_on()
         except InsufficientData as error:
             self._comparing, self._warning = None, str(error)
 
@@ -299,14 +254,13 @@ class IncrementalFit:
         self._lead = LeadingKind.of(compared)
         self._states = {}
         if self._lead is not None:
-            self._states = self._lead.states(self._keyframes, self._ids)
-            self._solved_total = 0  # its keyframes may be some frames old
+            self._states = self._lead.states(self._keyframes, self._tracks.ids)
 
     def _snapshot(self) -> Snapshot:
         keyframes = self._keyframes
         return Snapshot(
             self.keyframe_tracks,
-            self._ids,
+            self._tracks.ids,
             keyframes.numbers,
             np.array(keyframes.counts),
             self._version,
@@ -329,6 +283,7 @@ class IncrementalFit:
             joint=None if self._lead is None else joint_posterior(self._lead.fit),
             state=None if state is None else state[0],
             state_sd=None if state is None else state[1],
+            zero_frame=None if self._lead is None else int(self._lead.numbers[0]),
             keyframes=len(self._keyframes.frames),
             warning=self._warning,
         )
