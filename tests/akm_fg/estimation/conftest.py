@@ -1,8 +1,14 @@
-"""Openings with known joints, as fixtures."""
+"""Openings with known joints, and surfaces of their panels, as fixtures."""
 
+from dataclasses import dataclass, replace
+
+import numpy as np
 import pytest
 
+from akm_fg.records import PinholeCamera
 from experiments.openings import make_opening, score_opening
+from factors.dense_registration import PatchObservations
+from factors.joint_motion import part_motion
 
 
 @pytest.fixture(scope="session")
@@ -20,3 +26,80 @@ def score():
 @pytest.fixture(params=["revolute", "prismatic"])
 def kind(request):
     return request.param
+
+
+@dataclass(frozen=True)
+class Slab:
+    """A panel with a front, edges and handle sides that a camera sees: patches on planes.
+
+    Fits `SurfaceSource` and `SurfaceViews`. Where a patch is looked for, the ray through its pixel
+    meets the plane it lies on, moved as the part really is; every keyframe reads that plane with
+    noise of its own. Nothing here knows the joint but through where the planes are.
+    """
+
+    x_world: np.ndarray  # (3, S) patches at state zero
+    normal_world: np.ndarray  # (3, S)
+    R_world: np.ndarray  # (T, 3, 3) true motions of all frames
+    t_world: np.ndarray  # (T, 3)
+    noise_m: np.ndarray  # (T, S) of the readings, along the normals
+    sigma_m: float  # that they claim
+    hidden: tuple[int, ...] = ()  # frames in which nothing is seen
+    frames: tuple[int, ...] = ()
+
+    def views(self, frames, R_world, t_world, known):
+        assert known[list(frames)].all()
+        return replace(self, frames=tuple(k for k in frames if k not in self.hidden))
+
+    def associate(self, R_world, t_world, gate_m):
+        p_world, precision, uv = [], [], []
+        camera = PinholeCamera(640, 480, 600.0, 600.0, 319.5, 239.5)
+        eye = self.x_world.mean(axis=1) - np.array([0.3, -0.2, 1.2])
+        for R, t, k in zip(R_world, t_world, self.frames, strict=True):
+            moved = R @ self.x_world + t[:, None]
+            n = self.R_world[k] @ self.normal_world
+            on = self.R_world[k] @ (self.x_world + self.noise_m[k] * self.normal_world)
+            rays = moved - eye[:, None]
+            step = ((on + self.t_world[k][:, None] - moved) * n).sum(axis=0) / (rays * n).sum(
+                axis=0
+            )
+            off = np.abs(step * (rays * n).sum(axis=0))
+            seen = off < gate_m
+            p_world.append(np.where(seen, moved + step * rays, 0.0))
+            precision.append(seen / self.sigma_m**2)
+            uv.append(camera.project(rays.T))
+        kept = (np.array(precision) > 0).sum(axis=0) >= 2
+        patches = PatchObservations(
+            np.array(p_world)[:, :, kept],
+            np.array(precision)[:, kept],
+            self.normal_world[:, kept],
+        )
+        return Association(patches, np.array(uv)[:, kept])
+
+
+@dataclass(frozen=True)
+class Association:
+    """What `Slab.associate` finds."""
+
+    patches: PatchObservations
+    uv: np.ndarray
+
+
+@pytest.fixture(scope="session")
+def surface_of():
+    """Factory: surface_of(opening, ...), the surface of the opening's panel."""
+
+    def build(truth, seed=0, patches=600, sigma_m=0.001, noise_m=None, block_px=0, hidden=()):
+        """`block_px`: the noise of patches in the same block of that many pixels is the same."""
+        rng = np.random.default_rng([seed, 77])
+        span = np.linalg.svd(truth.rest_world - truth.rest_world.mean(axis=0))[2]
+        across = span[rng.choice(3, patches, p=[0.2, 0.2, 0.6])]  # edges, handle sides, front
+        x = truth.rest_world.mean(axis=0) + rng.uniform(-0.2, 0.2, (patches, 3)) @ span
+        R, t = part_motion(truth.kind, truth.T_world_joint, truth.q)
+        noise = (sigma_m if noise_m is None else noise_m) * rng.normal(size=(truth.q.size, patches))
+        if block_px:
+            block = np.floor(600.0 * (x @ span[:2].T) / 1.2 / block_px).astype(int)
+            _, of_patch = np.unique(block, axis=0, return_inverse=True)
+            noise = noise[:, of_patch.ravel()]
+        return Slab(x.T, across.T, R, t, noise, sigma_m, tuple(hidden))
+
+    return build
