@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import time
 from dataclasses import dataclass, replace
 from typing import Literal
@@ -12,14 +13,30 @@ from akm_fg.errors import InsufficientData
 from akm_fg.estimation.config import FitConfig
 from akm_fg.estimation.fit import fit_poses, fit_surface, fit_tracks
 from akm_fg.estimation.initial_guess import JointGuess
+from akm_fg.estimation.knowledge import (
+    GripperPoses,
+    Knowledge,
+    StateKnowledge,
+    noise_level_of_static,
+)
 from akm_fg.estimation.posterior import ArticulationPosterior
+from akm_fg.estimation.rigid_motion import MIN_POINTS, free_rigid_motion
 from akm_fg.io.inputs import FitInput
 from akm_fg.io.tracks import TracksInput
+from akm_fg.perception.changed_surface import ChangedSurface
+from akm_fg.perception.depth_change import explained_share
+from akm_fg.perception.depth_motion import DepthMotion, depth_motion
+from akm_fg.perception.depth_noise import DepthNoiseModel
+from akm_fg.perception.following import following
 from akm_fg.perception.observe import ObserveConfig, ObservedMotion, observe_motion
 from akm_fg.perception.part_surface import PartSurface
 from akm_fg.records import Recording
+from factors.joint_motion import part_motion
+
+log = logging.getLogger(__name__)
 
 Sources = Literal["tracks", "dense", "both"]
+_CLEARLY_MORE = 0.1  # of the changed surface: less is chance, and tracks see sideways too
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,6 +53,7 @@ def fit_recording(
     observe_config: ObserveConfig | None = None,
     fit_config: FitConfig | None = None,
     sources: Sources = "both",
+    states: StateKnowledge | None = None,
 ) -> RecordingFit:
     """Mask, track, lift, segment, and fit the moving part's joint.
 
@@ -45,6 +63,7 @@ def fit_recording(
         observe_config: tuning of the way from images to tracks.
         fit_config: tuning of the estimator.
         sources: what enters the graph: tracks, the surfaces of keyframes (dense), or both.
+        states: what is known of the joint's motion and limits.
 
     Raises:
         TracksLost: no object, or nothing on it could be followed.
@@ -54,12 +73,20 @@ def fit_recording(
     began = time.perf_counter()
     observed = observe_motion(recording, observe_config, np.random.default_rng(seed))
     seen = time.perf_counter()
-    try:
-        observed.segmentation.require_motion()
-    except InsufficientData as error:
-        raise type(error)(f"{recording.name}: {error}; expected a part that moves") from error
     config = fit_config or FitConfig()
     noise = (observe_config or ObserveConfig()).noise
+    change = None if sources == "tracks" else _better_than_tracks(recording, observed, noise)
+    if change is None:
+        try:
+            observed.segmentation.require_motion()
+        except InsufficientData as error:
+            raise type(error)(f"{recording.name}: {error}; expected a part that moves") from error
+    knowledge = replace(knowledge_of(recording, observed, config), states=states)
+    if change is not None:
+        observed, posterior = _from_change(
+            recording, observed, change, sources, seed, config, knowledge
+        )
+        return RecordingFit(observed, replace(posterior, time_s=_times(began, seen)))
     surface = PartSurface(recording, observed, noise, seed)
     posterior = fit_tracks(
         observed.moving_tracks,
@@ -68,12 +95,76 @@ def fit_recording(
         config=config,
         systematic_m=config.camera_systematic_m,
         surface=surface if sources == "both" else None,
+        knowledge=knowledge,
     )
     if sources == "dense":
-        posterior = _surface_alone(posterior, observed, surface, config)
+        posterior = _surface_alone(posterior, observed, surface, config, knowledge)
+    return RecordingFit(observed, replace(posterior, time_s=_times(began, seen)))
+
+
+def _times(began: float, seen: float) -> dict[str, float]:
     now = time.perf_counter()
-    times = {"total": now - began, "perception": seen - began, "fit": now - seen}
-    return RecordingFit(observed, replace(posterior, time_s=times))
+    return {"total": now - began, "perception": seen - began, "fit": now - seen}
+
+
+def _better_than_tracks(
+    recording: Recording, observed: ObservedMotion, noise: DepthNoiseModel
+) -> DepthMotion | None:
+    """The motion that depth alone shows, where it explains more of what changed than the tracks'.
+
+    Plain surfaces have few tracks, and those may follow edges and reflections instead of the part.
+    """
+    found = depth_motion(recording, observed.object_mask, noise)
+    if found is None or not observed.segmentation.moving.any():
+        return found
+    motion = free_rigid_motion(observed.moving_tracks, np.random.default_rng(0))
+    first = np.flatnonzero(motion.known)[0]
+    R = motion.R_world @ motion.R_world[first].T
+    t = motion.t_world - np.einsum("tij,j->ti", R, motion.t_world[first])
+    by_tracks = explained_share(found.change, R, t, motion.known)
+    by_depth = found.explained[0]
+    log.info(
+        "%s: tracks explain %.2f of the change, depth %.2f", recording.name, by_tracks, by_depth
+    )
+    return found if not by_tracks >= by_depth - _CLEARLY_MORE else None
+
+
+def _from_change(
+    recording: Recording,
+    observed: ObservedMotion,
+    change: DepthMotion,
+    sources: Sources,
+    seed: int,
+    config: FitConfig,
+    knowledge: Knowledge,
+) -> tuple[ObservedMotion, ArticulationPosterior]:
+    """Start from the motion that depth shows; the tracks that follow it take part."""
+    guess = change.guesses[0]
+    R, t = part_motion(guess.kind, guess.T_world_joint, guess.q, guess.pitch)
+    moving = following(observed.tracks, R, t, change.known)
+    segmentation = observed.segmentation
+    observed = replace(
+        observed,
+        segmentation=replace(
+            segmentation,
+            moving=moving,
+            static=segmentation.static & ~moving,
+            rejected=(segmentation.rejected | segmentation.moving) & ~moving,
+        ),
+    )
+    if moving.sum() < MIN_POINTS or sources == "dense":
+        moving = np.zeros_like(moving)
+    posterior = fit_surface(
+        ChangedSurface(change.change, seed),
+        guess,
+        change.centroid_world,
+        observed.tracks.select(moving),
+        recording.name,
+        config,
+        config.camera_systematic_m,
+        knowledge,
+    )
+    return observed, posterior
 
 
 def _surface_alone(
@@ -81,6 +172,7 @@ def _surface_alone(
     observed: ObservedMotion,
     surface: PartSurface,
     config: FitConfig,
+    knowledge: Knowledge,
 ) -> ArticulationPosterior:
     """The surface's own posterior; the tracks say where to start, and nothing more."""
     joint, states = posterior.best.joint, posterior.best.states
@@ -98,7 +190,27 @@ def _surface_alone(
         posterior.name,
         config,
         config.camera_systematic_m,
+        knowledge,
     )
+
+
+def knowledge_of(recording: Recording, observed: ObservedMotion, config: FitConfig) -> Knowledge:
+    """What a recording tells beside the part: the static tracks' noise, and the gripper if asked.
+
+    Args:
+        recording: the clip.
+        observed: what was seen in it.
+        config: `grasp` says whether the gripper's poses are used.
+    """
+    static = observed.tracks.select(observed.segmentation.static)
+    gripper, poses = None, recording.T_world_gripper
+    if config.grasp is not None:
+        if poses is None or recording.grasp_frames is None:
+            log.warning("%s: no gripper poses, or no frames in which it holds", recording.name)
+        else:
+            T_world_gripper = np.array([pose.matrix() for pose in poses])
+            gripper = GripperPoses(T_world_gripper, recording.grasp_frames, config.grasp)
+    return Knowledge(noise_level_of_static(static, config), gripper)
 
 
 def fit_input(

@@ -174,6 +174,7 @@ def grasp_pose_factor(
     sigma_trans_m: float,
     dof: float,
     pitch_key: int | None = None,
+    count_as_one: float = 1.0,
 ) -> gtsam.CustomFactor:
     """The factor of one hold over T_world_joint, T_joint_grasp, the states and the pitch.
 
@@ -189,13 +190,16 @@ def grasp_pose_factor(
         sigma_trans_m: scale of the Student-t noise, each axis of translation.
         dof: its degrees of freedom.
         pitch_key: key of the pitch (double), metres per radian; helical joints only.
+        count_as_one: frames that count as one because they err together; divides the cost.
 
     Raises:
         ValueError: an unknown kind, a pitch missing or out of place, poses that do not match the
-            frames or are no poses, sigmas or dof that are not positive.
+            frames or are no poses, sigmas, dof or a count that are not positive.
     """
     _check(kind, pitch_key, len(state_keys), T_world_gripper)
     _check_noise(sigma_rot_rad, sigma_trans_m, dof)
+    if not count_as_one > 0:
+        raise ValueError(f"count_as_one is {count_as_one}, expected > 0")
     free = [t for t, key in enumerate(state_keys) if key is not None]
     keys = [key for key in state_keys if key is not None]
     sigmas = np.repeat([sigma_rot_rad, sigma_trans_m], 3)
@@ -218,7 +222,8 @@ def grasp_pose_factor(
         return rows, [A[:, a:b] for a, b in pairwise(edges)]
 
     dims = {joint_key: 6, grasp_key: 6, **dict.fromkeys([*keys, *pitch_keys], 1)}
-    return make_factor(residual, dims, gtsam.noiseModel.Unit.Create(d + 1))
+    noise = gtsam.noiseModel.Isotropic.Sigma(d + 1, math.sqrt(count_as_one))
+    return make_factor(residual, dims, noise)
 
 
 def _stacked(blocks: list[Array], free: list[int], d: int) -> Array:

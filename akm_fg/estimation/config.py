@@ -32,13 +32,23 @@ class DenseConfig:
     """Registration of keyframes' surfaces."""
 
     keyframes: int = 5  # as the paper
-    keyframes_alone: int = 10  # where no tracks help
+    keyframes_alone: int = 20  # where no tracks help
     associations: int = 4  # rounds; the first gates take up what the tracks were off
     first_gate_m: float = 0.03
     gate_sigmas: float = 6.0  # of what the last round left
     least_gate_m: float = 0.004
     min_patches: int = 50  # fewer say less than the tracks
     blocks_px: ClassVar[tuple[int, ...]] = (8, 16, 32, 64)  # sides of blocks that may err together
+
+
+@dataclass(frozen=True, slots=True)
+class GraspConfig:
+    """Noise of the gripper's pose in the part while it holds."""
+
+    sigma_trans_m: float = 0.003  # hand-eye calibration, kinematics, play in the fingers
+    sigma_rot_rad: float = 0.15  # fingers turn on a bar
+    dof: float = 4.0  # of the Student-t noise: jerks and frames in mid-slip
+    frames_as_one: float = 5.0  # such errors last: neighbouring frames that err together
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,6 +69,9 @@ class FitConfig:
     scale_iterations: int = 6  # rounds of: solve, estimate the noise scale
     still_scale_iterations: int = 1  # of a kind that is out of the race
     scale_tolerance: float = 0.02  # relative change of the noise scale that ends the rounds
+    grasp: GraspConfig | None = None  # of recordings; None: the gripper's poses are not used
+    moving_noise: float = 1.25  # of a moving part's tracks, over that of a static part's
+    moving_noise_sd_log: float = 0.2  # standard deviation of its logarithm, from part to part
     noise_prior_observations: float = 20.0  # weight of a given noise level, as observations
     undecided_below: float = 0.95  # probability a kind needs to be named
     systematic_share: float = 0.02  # of the travel: marker bias, flexing parts, play in the hinge

@@ -141,13 +141,22 @@ def temper(fit: KindFit, tau: float, problem: FitProblem) -> KindFit:
     of_tracks = fit.cov_factor * (tau + systematic_points(fit, problem))
     cov = fit.cov / fit.cov_factor
     dense = problem.observations.dense
-    if dense is None or fit.dense_cost is None:
+    others: list[tuple[float, FloatArray]] = []
+    if dense is not None and fit.dense_cost is not None:
+        d2 = fit.dense_cost.d2[dense.patches.seen] / dense.freedom()
+        of_dense = covariance_factor(d2, problem.config.dof, 1)
+        of_dense *= tau + systematic_readings(fit, problem) / dense.count_as_one
+        others.append((of_dense, fit.dense_information))
+    if fit.grasp is not None and fit.T_world_joint is not None:
+        others.append((fit.grasp.cov_factor, fit.grasp.information))
+    if not others:
         return replace(fit, cov=cov * of_tracks, cov_factor=of_tracks, tau=tau)
-    d2 = fit.dense_cost.d2[dense.patches.seen] / dense.freedom()
-    of_dense = covariance_factor(d2, problem.config.dof, 1)
-    of_dense *= tau + systematic_readings(fit, problem) / dense.count_as_one
-    tracks = _positive(fit.information - fit.dense_information, np.diag(fit.information))
-    true = of_tracks * tracks + of_dense * fit.dense_information
+    tracks = fit.information
+    for _, information in others:
+        tracks = tracks - information
+    true = of_tracks * _positive(tracks, np.diag(fit.information))
+    for factor, information in others:
+        true = true + factor * information
     return replace(fit, cov=cov @ true @ cov, cov_factor=of_tracks, tau=tau)
 
 

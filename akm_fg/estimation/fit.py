@@ -28,6 +28,7 @@ from akm_fg.estimation.evidence import (
 from akm_fg.estimation.initial_guess import JointGuess
 from akm_fg.estimation.joint_graph import GraphProblem
 from akm_fg.estimation.kind_fit import fit_kind, start_rank
+from akm_fg.estimation.knowledge import Knowledge, passed_limits
 from akm_fg.estimation.laplace import KindFit
 from akm_fg.estimation.posterior import (
     ArticulationPosterior,
@@ -70,6 +71,7 @@ def fit_tracks(
     config: FitConfig | None = None,
     systematic_m: float = 0.0,
     surface: SurfaceSource | None = None,
+    knowledge: Knowledge | None = None,
 ) -> ArticulationPosterior:
     """Fit all joint kinds to tracked points of one part.
 
@@ -82,10 +84,12 @@ def fit_tracks(
         systematic_m: errors of the sensor that no averaging removes (standard deviation, each
             coordinate).
         surface: dense views of the part in keyframes, registered in the same graph as the tracks.
+        knowledge: what else is known: noise level, gripper, motion and limits of the states.
 
     Raises:
         TracksLost: fewer than two frames, or too few tracks of one rigid part.
         AxisUnobservable: no moving kind can be fitted.
+        ValueError: knowledge that is not over the T frames.
     """
     config = config or FitConfig()
     began = time.perf_counter()
@@ -101,7 +105,8 @@ def fit_tracks(
             problem = problem_of_path(name, tracks, None, noise_known, config)
         else:
             problem = problem_of_tracks(name, tracks, noise_known, seed, config)
-        return _fit(replace(problem, systematic_m=systematic_m), began, surface)
+        problem = replace(problem, systematic_m=systematic_m).knowing(knowledge)
+        return _fit(problem, began, surface)
 
 
 def fit_poses(
@@ -142,6 +147,7 @@ def fit_surface(
     name: str = "surface",
     config: FitConfig | None = None,
     systematic_m: float = 0.0,
+    knowledge: Knowledge | None = None,
 ) -> ArticulationPosterior:
     """Fit all joint kinds to the surface of one part in keyframes, and to what tracks there are.
 
@@ -155,6 +161,7 @@ def fit_surface(
         name: of the input, for the result.
         config: tuning.
         systematic_m: see `fit_tracks`.
+        knowledge: likewise.
 
     Raises:
         TracksLost: the surface is not seen again in enough places.
@@ -164,7 +171,7 @@ def fit_surface(
     began = time.perf_counter()
     with one_blas_thread():
         problem = problem_of_surface(name, tracks, guess, centroid_world, config)
-        problem = replace(problem, systematic_m=systematic_m)
+        problem = replace(problem, systematic_m=systematic_m).knowing(knowledge)
         start = JointGuess(guess.kind, guess.T_world_joint, problem.guesses[0].q, guess.pitch)
         registration = register(problem, start, problem.start, surface, 1.0)
         if registration is None:
@@ -172,9 +179,16 @@ def fit_surface(
                 f"{name}: the part's surface is not seen again in two keyframes; "
                 f"expected at least {config.dense.min_patches} patches of it"
             )
-        problem = registration.problem
+        problem = registration.problem.holding(registration.guess, None, 1.0)
         fits, warnings = to_end(_fit_kinds(problem, graph_problem(problem)))
-        return _posterior(fits, problem, (1.0, 1.0), warnings, began).posterior
+        correlation = (1.0, 1.0)
+        if problem.has_tracks:
+            likeliest = max(fits, key=lambda fit: fit.log_likelihood)
+            tau, _ = correlation_frames(likeliest, problem.observations)
+            correlation = tau, correlated_points(likeliest, problem.observations)
+            problem = problem.counting(correlation[0] * correlation[1])
+            fits, warnings = to_end(_fit_kinds(problem, graph_problem(problem)))
+        return _posterior(fits, problem, correlation, warnings, began).posterior
 
 
 def _fit(
@@ -203,12 +217,15 @@ def fit_in_steps(
             fits[i] = _refitted(fit, graph)
             yield
         problem = replace(problem, observations=observations)
+    guess = _guess_of(likeliest)
+    held = problem.holding(guess, likeliest.state_sd, tau * together)
+    more, problem = held is not problem, held
     if surface is not None and likeliest.T_world_joint is not None and problem.motions is not None:
-        guess = JointGuess(likeliest.kind, likeliest.T_world_joint, likeliest.q, likeliest.pitch)
         registration = register(problem, guess, likeliest.scales, surface, tau * together)
         if registration is not None:
-            problem = registration.problem
-            fits, warnings = yield from _fit_kinds(problem, graph_problem(problem))
+            more, problem = True, registration.problem
+    if more:
+        fits, warnings = yield from _fit_kinds(problem, graph_problem(problem))
     return _posterior(fits, problem, (tau, together), warnings, began)
 
 
@@ -226,6 +243,7 @@ def _posterior(
     probability = kind_probabilities(fits, problem.config.prior)
     best = max(fits, key=lambda fit: probability[fit.kind])
     parametric = is_parametric(best, problem, as_one)
+    warnings = [*warnings, *passed_limits(problem.knowledge.states, best.kind, best.q)]
     decided = parametric and probability[best.kind] >= problem.config.undecided_below
     posterior = ArticulationPosterior(
         name=problem.name,
@@ -247,6 +265,8 @@ def graph_problem(problem: FitProblem) -> GraphProblem:
         problem.start,
         problem.config,
         None if problem.motions is None else problem.motions.x_world,
+        problem.knowledge.states,
+        problem.keyframes,
     )
 
 
@@ -300,9 +320,14 @@ def _fit_path(guesses: list[JointGuess], graph: GraphProblem) -> tuple[list[Kind
 
 def _refitted(fit: KindFit, graph: GraphProblem) -> KindFit:
     """The kind solved again, from where it was."""
+    return fit_rigid(graph) if fit.T_world_joint is None else fit_kind(_guess_of(fit), graph, fit)
+
+
+def _guess_of(fit: KindFit) -> JointGuess:
+    """Where a fit ended; rigid as a prismatic joint that stays at zero."""
     if fit.T_world_joint is None:
-        return fit_rigid(graph)
-    return fit_kind(JointGuess(fit.kind, fit.T_world_joint, fit.q, fit.pitch), graph, fit)
+        return JointGuess("prismatic", np.eye(4), fit.q)
+    return JointGuess(fit.kind, fit.T_world_joint, fit.q, fit.pitch)
 
 
 def pointing_forward(fit: KindFit) -> KindFit:
@@ -371,6 +396,7 @@ def _report(
         correlation_points=correlation[1],
         parametric=parametric,
         warnings=warnings,
+        holds=problem.holds,
         **surface,
     )
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import gtsam
 import numpy as np
@@ -14,6 +14,7 @@ from factors.joint_motion import cross
 # A hinge farther away than this is a drawer for every purpose of a start; metres.
 MAX_RADIUS_M = 100.0
 _MIN_RADIUS_M = 0.01
+TURN_ABOUT_X = np.array([1.0, -1.0, -1.0])  # half a turn, as a diagonal
 # Of one point's path nothing but the bend tells the hinge.
 _FAR_HINGES_M = (1.0, 2.0, 4.0, 8.0, 16.0, 32.0, 64.0)
 
@@ -26,6 +27,13 @@ class JointGuess:
     T_world_joint: FloatArray  # (4, 4)
     q: FloatArray  # (T,), zero in frame 0
     pitch: float = 0.0  # of a helical joint, metres per radian
+
+
+def turned(guess: JointGuess) -> JointGuess:
+    """The same motions with the axis the other way: the joint frame turned about its x."""
+    T = guess.T_world_joint.copy()
+    T[:3, :3] = T[:3, :3] @ np.diag(TURN_ABOUT_X)
+    return replace(guess, T_world_joint=T, q=-guess.q)
 
 
 def joint_frame(axis_world: FloatArray, origin_world: FloatArray) -> FloatArray:

@@ -7,9 +7,18 @@ from functools import cache
 
 import gtsam
 import numpy as np
+from numpy.typing import NDArray
 
 from akm_fg.estimation.config import FitConfig
+from akm_fg.estimation.grasp_fit import (
+    GraspVariables,
+    grasp_factors,
+    grasp_key,
+    insert_grasps,
+    without_grasps,
+)
 from akm_fg.estimation.initial_guess import JointGuess
+from akm_fg.estimation.knowledge import StateKnowledge, StatePriors
 from akm_fg.estimation.observations import Observations, Scales
 from akm_fg.records import FloatArray
 from factors.dense_registration import dense_registration_factor
@@ -39,6 +48,8 @@ class GraphProblem:
     start: Scales
     config: FitConfig
     x_world: FloatArray | None = None  # (3, N) where the latent points start, state zero
+    states: StateKnowledge | None = None  # over the frames of the input
+    keyframes: NDArray[np.int_] | None = None  # (T,) the graph's among them
 
 
 @cache
@@ -61,7 +72,16 @@ def initial_values(guess: JointGuess, observations: Observations) -> gtsam.Value
         values.insert(PITCH, guess.pitch)
     if observations.R_world_part is not None:
         values.insert(REFERENCE, gtsam.Rot3(observations.R_world_part[0]))
+    if observations.grasp is not None:
+        insert_grasps(values, guess, observations.grasp)
     return values
+
+
+def grasp_variables(kind: str, observations: Observations) -> GraspVariables:
+    """Keys of what the factors of the grasps move."""
+    keys = [None, *(state_key(t) for t in range(1, observations.frames))]
+    reference = None if observations.R_world_part is None else REFERENCE
+    return GraspVariables(JOINT, keys, PITCH if kind == "helical" else None, reference)
 
 
 def joint_graph(
@@ -70,6 +90,7 @@ def joint_graph(
     scales: Scales,
     x_start: FloatArray | None,
     last: dict[bytes, TrackCost],
+    states: StatePriors | None = None,
 ) -> gtsam.NonlinearFactorGraph:
     """Observations and priors, without the gauge; `last` keeps the tracks' last evaluation."""
     observations, config = problem.observations, problem.config
@@ -115,6 +136,12 @@ def joint_graph(
         graph.push_back(hinge_distance_factor(JOINT, problem.centroid_world, median_m, sigma_log))
     if pitch_key is not None:
         graph.push_back(pitch_prior_factor(pitch_key, config.prior.pitch_sigma_m_per_rad))
+    for factor in [] if states is None else states.factors(keys):
+        graph.push_back(factor)
+    if observations.grasp is not None:
+        graph.push_back(
+            grasp_factors(kind, grasp_variables(kind, observations), observations.grasp)
+        )
     return graph
 
 
@@ -144,8 +171,12 @@ def graph_information(
     has_reference: bool,
     directions: tuple[int, ...],
     kind: str,
+    holds: int = 0,
 ) -> FloatArray:
-    """Dense information over (observable joint directions, pitch, reference, states)."""
+    """Dense information over (observable joint directions, pitch, reference, states).
+
+    Latent grasps, one a hold, are marginalised.
+    """
     ordering = gtsam.Ordering()
     ordering.push_back(JOINT)
     if kind == "helical":
@@ -154,6 +185,10 @@ def graph_information(
         ordering.push_back(REFERENCE)
     for t in range(1, frames):
         ordering.push_back(state_key(t))
+    for i in range(holds):
+        ordering.push_back(grasp_key(i))
     information, _ = linear.hessian(ordering)
+    if holds:
+        information, _ = without_grasps(information, holds)
     kept = [*directions, *range(6, information.shape[0])]
     return information[np.ix_(kept, kept)]

@@ -3,24 +3,27 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import gtsam
 import numpy as np
 
-from akm_fg.estimation.initial_guess import JointGuess
+from akm_fg.estimation.grasp_fit import GraspFit, grasp_fit
+from akm_fg.estimation.initial_guess import TURN_ABOUT_X, JointGuess, turned
 from akm_fg.estimation.joint_graph import (
     JOINT,
     PITCH,
     REFERENCE,
     GraphProblem,
     graph_information,
+    grasp_variables,
     initial_values,
     joint_graph,
     solved,
     state_key,
 )
+from akm_fg.estimation.knowledge import StatePriors, state_priors
 from akm_fg.estimation.laplace import (
     KindFit,
     inverted,
@@ -63,6 +66,7 @@ class _Solution:
     cost: TrackCost
     errors: FloatArray | None  # (T, 3) of the orientations
     dense: DenseCost | None
+    states: StatePriors | None
 
 
 def guess_cost(guess: JointGuess, observations: Observations) -> float:
@@ -108,6 +112,9 @@ def fit_kind(
         AxisUnobservable: the data leave a direction open.
     """
     observations, config = problem.observations, problem.config
+    backward = guess.q.mean() < 0 and problem.states is not None
+    if backward:  # limits are those of states that grow
+        guess = turned(guess)
     values = initial_values(guess, observations)
     if previous is not None:
         scales = previous.scales
@@ -116,15 +123,18 @@ def fit_kind(
     else:
         scales = _start_scales(guess, values, problem)
     x = None if previous is None else previous.x_joint
+    if backward and x is not None:
+        x = x * TURN_ABOUT_X[:, None]
     if x is None and problem.x_world is not None:
         T = guess.T_world_joint
         x = T[:3, :3].T @ (problem.x_world - T[:3, 3:])
     directions = len(observable_directions(guess.kind)) + (guess.kind == "helical")
     fitted = directions + observations.frames - 1 + (3 if values.exists(REFERENCE) else 0)
     tolerance = config.scale_tolerance if effort == "full" else config.rough_scale_tolerance
+    states = _state_priors(guess, problem)
     for _ in range(config.scale_iterations if effort != "none" else config.still_scale_iterations):
         last: dict[bytes, TrackCost] = {}
-        graph = joint_graph(guess.kind, problem, scales, x, last)
+        graph = joint_graph(guess.kind, problem, scales, x, last, states)
         if effort != "none":
             values = solved(graph, values, guess.kind, problem, effort == "rough")
         solution = _evaluated(guess.kind, values, problem, scales, x, last)
@@ -137,9 +147,39 @@ def fit_kind(
         scales = new
     else:
         last = {}
-        graph = joint_graph(guess.kind, problem, scales, x, last)
+        graph = joint_graph(guess.kind, problem, scales, x, last, states)
         solution = _evaluated(guess.kind, values, problem, scales, x, last)
-    return _posterior(solution, graph.linearize(values), problem, scales, fitted)
+    solution = replace(solution, states=states)
+    grasp = _grasp_fit(guess.kind, values, problem)
+    return _posterior(solution, grasp, graph.linearize(values), problem, scales, fitted)
+
+
+def _state_priors(guess: JointGuess, problem: GraphProblem) -> StatePriors | None:
+    """Of the kind's states; what a state is in metres is taken at the guess."""
+    if problem.states is None or problem.keyframes is None:
+        return None
+    log_flat = _log_state_prior(guess, problem)
+    metres = math.exp(log_flat) * problem.config.prior.displacement_range_m
+    return state_priors(problem.states, guess.kind, problem.keyframes, metres)
+
+
+def _log_state_prior(guess: JointGuess, problem: GraphProblem) -> float:
+    return log_state_prior(
+        guess.kind,
+        guess.T_world_joint,
+        problem.centroid_world,
+        problem.lever_m,
+        problem.config.prior,
+        guess.pitch,
+    )
+
+
+def _grasp_fit(kind: str, values: gtsam.Values, problem: GraphProblem) -> GraspFit | None:
+    observations = problem.observations
+    if observations.grasp is None:
+        return None
+    variables = grasp_variables(kind, observations)
+    return grasp_fit(kind, values, variables, observable_directions(kind), observations.grasp)
 
 
 def patches_cost(guess: JointGuess, problem: GraphProblem, scales: Scales) -> DenseCost | None:
@@ -192,11 +232,12 @@ def _evaluated(
         )
     cost = last[here]
     errors = orientation_errors(kind, T, q, R_ref, observations)
-    return _Solution(guess, R_ref, cost, errors, patches_cost(guess, problem, scales))
+    return _Solution(guess, R_ref, cost, errors, patches_cost(guess, problem, scales), None)
 
 
 def _posterior(
     solution: _Solution,
+    grasp: GraspFit | None,
     linear: gtsam.GaussianFactorGraph,
     problem: GraphProblem,
     scales: Scales,
@@ -207,15 +248,18 @@ def _posterior(
     kind, T, q, prior = guess.kind, guess.T_world_joint, guess.q, problem.config.prior
     observations, config = problem.observations, problem.config
     directions = observable_directions(kind)
-    information = graph_information(linear, q.size, solution.R_ref is not None, directions, kind)
+    holds = 0 if observations.grasp is None else len(observations.grasp.holds)
+    information = graph_information(
+        linear, q.size, solution.R_ref is not None, directions, kind, holds
+    )
     cov, log_det = inverted(kind, information)
     likelihood = log_likelihood(
         cost.d2, solution.errors, scales, observations, config, solution.dense
     )
     held, dense_information = _held_information(solution, problem, scales, information.shape[0])
-    per_state = log_state_prior(
-        kind, T, problem.centroid_world, problem.lever_m, prior, guess.pitch
-    )
+    if grasp is not None:
+        likelihood, held = likelihood + grasp.log_likelihood, held + grasp.held
+    log_states, log_held = _integrated_states(solution, held, _log_state_prior(guess, problem))
     freedom = observations.freedom(fitted)
     d2 = cost.d2[observations.tracks.observed] / freedom
     factor = covariance_factor(d2, config.dof, 3) if d2.size else 1.0
@@ -230,9 +274,8 @@ def _posterior(
         scales=scales,
         log_likelihood=likelihood,
         log_prior=log_joint_prior(kind, T, problem.centroid_world, prior, guess.pitch),
-        log_frames=likelihood
-        + float(np.sum(per_state + 0.5 * math.log(2 * math.pi) - 0.5 * np.log(held))),
-        log_det=log_det + cost.log_det_latent - float(np.log(held).sum()),
+        log_frames=likelihood + log_states,
+        log_det=log_det + cost.log_det_latent - log_held,
         tau=1.0,
         cov_factor=factor,
         d2=cost.d2 * scales.track**2,
@@ -242,7 +285,29 @@ def _posterior(
         pitch=guess.pitch,
         dense_cost=solution.dense,
         freedom=freedom,
+        grasp=grasp,
+        log_noise=observations.log_noise(scales),
     )
+
+
+def _integrated_states(
+    solution: _Solution, held: FloatArray, log_flat: float
+) -> tuple[float, float]:
+    """Prior density of the states times the width they are left, and log det of what is known.
+
+    Args:
+        solution: the kind's.
+        held: (T - 1,) information on each state, all else held.
+        log_flat: log prior density of one state.
+    """
+    log_width = 0.5 * math.log(2 * math.pi)
+    if solution.states is None:  # frame by frame
+        log_held = np.log(held)
+        return float(np.sum(log_flat + log_width - 0.5 * log_held)), float(log_held.sum())
+    q = solution.guess.q
+    log_det = float(np.linalg.slogdet(np.diag(held) + solution.states.information(q))[1])
+    log_prior = solution.states.log_density(q, log_flat)
+    return log_prior + held.size * log_width - 0.5 * log_det, log_det
 
 
 def _held_information(

@@ -9,6 +9,7 @@ import numpy as np
 
 from akm_fg.errors import AxisUnobservable
 from akm_fg.estimation.config import PriorConfig
+from akm_fg.estimation.grasp_fit import GraspFit
 from akm_fg.estimation.observations import Scales
 from akm_fg.estimation.posterior import Evidence
 from akm_fg.records import FloatArray
@@ -45,6 +46,8 @@ class KindFit:
     dense_cost: DenseCost | None
     freedom: float  # share of the observations' numbers left after the fit
     log_nested: float = 0.0  # see `akm_fg.estimation.evidence.nested_screw`
+    grasp: GraspFit | None = None  # in `information`, `log_likelihood` and `log_frames` already
+    log_noise: float = 0.0  # density of the noise scale, over that of the most probable one
 
     @property
     def log_evidence(self) -> float:
@@ -61,12 +64,16 @@ class KindFit:
         reference = 3 if self.has_reference else 0
         fitted = len(self.joint_directions) + reference + 3 * self.x_joint.shape[1]
         fitted += self.kind == "helical"
+        log_det = self.log_det
+        if self.grasp is not None:
+            fitted, log_det = fitted + self.grasp.variables, log_det + self.grasp.log_det
         return Evidence(
             log_likelihood=self.log_likelihood / self.tau,
             log_states=(self.log_frames - self.log_likelihood) / self.tau,
             log_joint_prior=self.log_prior,
-            log_joint_volume=0.5 * fitted * math.log(2 * math.pi * self.tau) - 0.5 * self.log_det,
+            log_joint_volume=0.5 * fitted * math.log(2 * math.pi * self.tau) - 0.5 * log_det,
             log_nested=self.log_nested,
+            log_noise=self.log_noise,
         )
 
     @property

@@ -10,6 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from akm_fg.estimation.config import FitConfig
+from akm_fg.estimation.grasp_fit import GraspObservations
+from akm_fg.estimation.knowledge import NoiseLevel
 from akm_fg.records import FloatArray
 from factors.dense_registration import DenseCost, PatchObservations
 from factors.orientation_track import log_so3, orientation_residual
@@ -46,6 +48,8 @@ class Observations:
     min_scale: float = 0.0  # systematic errors of a path, in the tracks' standard deviations
     visible_share: float = 1.0  # of the noise variance that residuals show, after slow errors
     dense: DenseObservations | None = None
+    noise_level: NoiseLevel | None = None  # of the tracks, where it is known better than given
+    grasp: GraspObservations | None = None
 
     @property
     def frames(self) -> int:
@@ -65,6 +69,16 @@ class Observations:
         n = 3 * int(observed.sum()) + (0 if self.R_world_part is None else 3 * self.frames)
         latent = 3 * int(observed.any(axis=0).sum())
         return max(1 - (fitted + latent) / max(n, 1), 0.05)
+
+    def known_level(self, config: FitConfig) -> NoiseLevel | None:
+        """What is known of the tracks' noise beforehand; None where that is nothing."""
+        if self.noise_level is None and self.noise_known:
+            return NoiseLevel(1.0, config.noise_prior_observations)
+        return self.noise_level
+
+    def log_noise(self, scales: Scales) -> float:
+        """Density of a noise scale, over that of the most probable one; zero where not known."""
+        return 0.0 if self.noise_level is None else self.noise_level.log_density(scales.track)
 
 
 @dataclass(frozen=True, slots=True)
@@ -120,9 +134,10 @@ def updated_scales(
     freedom = observations.freedom(fitted)
     d2 = d2[observations.tracks.observed]
     total, count = float((weight(d2, config.dof, 3) * d2).sum()), 3 * d2.size * freedom
-    if observations.noise_known:  # a log-normal-like pull towards the given level
-        total += config.noise_prior_observations / scales.track**2
-        count += config.noise_prior_observations
+    level = observations.known_level(config)
+    if level is not None:  # a log-normal-like pull towards it
+        total += level.observations * level.scale**2 / scales.track**2
+        count += level.observations
     track2 = scales.track**2 * total / count / observations.visible_share
     orientation = scales.orientation_rad
     if errors is not None:

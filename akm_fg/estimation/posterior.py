@@ -89,12 +89,13 @@ class Evidence:
     log_joint_prior: float  # prior density of the joint's frame and pitch
     log_joint_volume: float  # width that the data leave joint and latent points
     log_nested: float = 0.0  # what systematic errors take from a screw's lead over its hinge
+    log_noise: float = 0.0  # density of the noise level that this kind needs, where it is known
 
     @property
     def total(self) -> float:
         """Log evidence."""
         joint = self.log_joint_prior + self.log_joint_volume + self.log_nested
-        return self.log_likelihood + self.log_states + joint
+        return self.log_likelihood + self.log_states + joint + self.log_noise
 
 
 @dataclass(frozen=True, slots=True)
@@ -128,6 +129,7 @@ class FitReport:
     patches_used: int = 0  # of the part's surface
     patches_rms_m: float | None = None  # of their readings, along the normals
     patches_as_one: float | None = None  # neighbouring readings that err together
+    holds: tuple[tuple[int, int], ...] = ()  # first and last frames of the grasps in the graph
 
 
 @dataclass(frozen=True, slots=True)

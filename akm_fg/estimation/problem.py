@@ -2,19 +2,21 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from akm_fg.errors import TracksLost
 from akm_fg.estimation.config import FitConfig
+from akm_fg.estimation.grasp_fit import holds_of
 from akm_fg.estimation.initial_guess import (
     JointGuess,
     drawer_along,
     guesses_from_motion,
     guesses_from_path,
 )
+from akm_fg.estimation.knowledge import Knowledge
 from akm_fg.estimation.observations import (
     T_OVER_NORMAL,
     Observations,
@@ -53,6 +55,46 @@ class FitProblem:
     motions: MotionInformation | None  # free motions over the keyframes; None for a path
     systematic_m: float = 0.0  # errors of the tracks that no averaging removes
     members: NDArray[np.int_] | None = None  # (N,) which of the given tracks count; None: all
+    knowledge: Knowledge = field(default_factory=Knowledge)  # over the T frames
+
+    def knowing(self, knowledge: Knowledge | None) -> FitProblem:
+        """The problem with what else is known.
+
+        Raises:
+            ValueError: that is not over its frames.
+        """
+        if knowledge is None:
+            return self
+        knowledge.check(self.points.p_world.shape[0])
+        observations = replace(self.observations, noise_level=knowledge.noise_level)
+        return replace(self, knowledge=knowledge, observations=observations)
+
+    def holding(self, guess: JointGuess, state_sd: FloatArray | None, as_one: float) -> FitProblem:
+        """The problem with the gripper's holds, if any, judged by a fitted joint."""
+        gripper = self.knowledge.gripper
+        if gripper is None:
+            return self
+        sd = np.zeros_like(guess.q) if state_sd is None else state_sd
+        grasp = holds_of(gripper, self.keyframes, guess, sd, as_one)
+        if grasp is None:
+            return self
+        return replace(self, observations=replace(self.observations, grasp=grasp))
+
+    def counting(self, as_one: float) -> FitProblem:
+        """The problem with dense readings weighed for tracks of which so many count as one."""
+        dense = self.observations.dense
+        if dense is None:
+            return self
+        dense = replace(dense, count_as_one=max(dense.count_as_one / as_one, 1e-3))
+        return replace(self, observations=replace(self.observations, dense=dense))
+
+    @property
+    def holds(self) -> tuple[tuple[int, int], ...]:
+        """First and last frame of each hold in the graph."""
+        grasp = self.observations.grasp
+        holds = () if grasp is None else grasp.holds
+        ends = (self.keyframes[hold.frames[[0, -1]]] for hold in holds)
+        return tuple((int(first), int(last)) for first, last in ends)
 
     @property
     def has_tracks(self) -> bool:

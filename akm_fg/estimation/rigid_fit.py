@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from akm_fg.estimation.grasp_fit import rigid_grasp_fit
 from akm_fg.estimation.initial_guess import JointGuess
 from akm_fg.estimation.joint_graph import GraphProblem
 from akm_fg.estimation.kind_fit import guess_cost, patches_cost
@@ -45,6 +46,10 @@ def fit_rigid(problem: GraphProblem) -> KindFit:
     cost = track_cost("prismatic", still, q, observations.tracks, config.dof, scales.track, x)
     dense = patches_cost(still_guess, problem, scales)
     likelihood = log_likelihood(cost.d2, errors, scales, observations, config, dense)
+    grasp = None
+    if observations.grasp is not None:
+        grasp = rigid_grasp_fit(observations.grasp, config)
+        likelihood += grasp.log_likelihood
     log_det = cost.log_det_latent
     if errors is not None:
         log_det += 3 * math.log(orientation_information(errors, scales, config).sum())
@@ -70,4 +75,6 @@ def fit_rigid(problem: GraphProblem) -> KindFit:
         pitch=0.0,
         dense_cost=dense,
         freedom=observations.freedom(0),
+        grasp=grasp,
+        log_noise=observations.log_noise(scales),
     )
