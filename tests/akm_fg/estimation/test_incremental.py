@@ -97,6 +97,15 @@ def test_averaging_fifty_frames_into_twelve_loses_next_to_nothing(kind, opening)
     assert_allclose(got.axis_sd_rad, want.axis_sd_rad, rtol=0.06)
 
 
+def test_frames_are_moved_along_the_joint_before_they_are_averaged(opening):
+    """Eight keyframes on a way of ninety degrees: what becomes one was centimetres apart."""
+    truth = opening(12, "revolute", travel=np.pi / 2, frames=50)
+    fit, _ = _fed(truth.tracks, IncrementalConfig(GAUSSIAN, max_keyframes=8))
+    got, want = fit.posterior().best.joint, fit_tracks(truth.tracks, config=GAUSSIAN).best.joint
+    assert _apart_in_sd(got, want) < 0.4
+    assert_allclose(got.axis_sd_rad, want.axis_sd_rad, rtol=0.06)
+
+
 def test_twelve_keyframes_tell_what_seventy_frames_tell_robustly(stream):
     """A mean and a Student-t estimate of the same frames differ, but as estimates may."""
     truth, fit, _ = stream
@@ -114,6 +123,9 @@ def test_every_state_is_told_at_once_and_within_its_deviation(stream):
     assert np.max(np.abs(z)) < 4.5
     # They share the noise of the first frame: half of the variance.
     assert 0.3 < np.mean(np.square(z)) < 3.0
+    batch = fit_tracks(truth.tracks).best.states.sd
+    late = [u for u in updates[40:] if not u.is_keyframe]
+    assert_allclose([u.state_sd for u in late], batch[[u.number for u in late]], rtol=0.2)
 
 
 def test_states_of_pooled_keyframes_are_as_uncertain_as_one_frame(stream):
@@ -305,20 +317,26 @@ def test_what_is_kept_stays_the_same_size(stream):
 @pytest.mark.slow
 @pytest.mark.parametrize(("kind", "travel"), [("revolute", 0.5), ("prismatic", 0.15)])
 def test_covariance_stays_true_as_frames_are_added(kind, travel, opening, score):
-    """Mean NEES over seeds after 30 frames and after 90 more, pooled into 15 keyframes."""
-    runs, config = 100, IncrementalConfig(max_keyframes=15)
-    joints, newest = {30: 0.0, 120: 0.0}, 0.0
+    """NEES over seeds after 25 frames and 55 more, beside a batch fit of all eighty frames.
+
+    What the seeds' luck does to one, it does to the other: the ratio is the sharper check.
+    """
+    runs, config = 60, IncrementalConfig(max_keyframes=24)
+    joints, newest, batch = {25: 0.0, 80: 0.0}, 0.0, 0.0
     for seed in range(runs):
-        truth = opening(500 + seed, kind, travel, points=20, frames=120)
+        truth = opening(500 + seed, kind, travel, points=20, frames=80)
         fit = IncrementalFit(config=config)
-        for t in range(120):
+        for t in range(80):
             update = fit.add(truth.tracks.p_world[t], truth.tracks.cov_world[t])
             if t + 1 in joints:
                 result = score(fit.posterior(), _of_keyframes(truth, fit))
                 joints[t + 1] += result.nees
         newest += ((update.state - truth.q[-1]) / update.state_sd) ** 2
-    low, high = stats.chi2.interval(0.99, runs * result.dimensions)
-    assert low <= joints[30] <= high
-    assert low <= joints[120] <= high
-    low, high = stats.chi2.interval(0.99, runs)
+        everything = fit_tracks(truth.tracks, config=replace(FitConfig(), max_frames=80))
+        batch += score(everything, truth).nees
+    assert joints[80] < 1.15 * batch
+    low, high = stats.chi2.interval(0.999, runs * result.dimensions)
+    assert low <= joints[25] <= high
+    assert low <= joints[80] <= high
+    low, high = stats.chi2.interval(0.999, runs)
     assert low <= newest <= high
