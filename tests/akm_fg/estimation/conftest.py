@@ -28,6 +28,9 @@ def kind(request):
     return request.param
 
 
+CAMERA = PinholeCamera(640, 480, 600.0, 600.0, 319.5, 239.5)
+
+
 @dataclass(frozen=True)
 class Slab:
     """A panel with a front, edges and handle sides that a camera sees: patches on planes.
@@ -43,6 +46,7 @@ class Slab:
     t_world: np.ndarray  # (T, 3)
     noise_m: np.ndarray  # (T, S) of the readings, along the normals
     sigma_m: float  # that they claim
+    T_world_cam: np.ndarray  # (4, 4)
     hidden: tuple[int, ...] = ()  # frames in which nothing is seen
     frames: tuple[int, ...] = ()
 
@@ -52,21 +56,19 @@ class Slab:
 
     def associate(self, R_world, t_world, gate_m):
         p_world, precision, uv = [], [], []
-        camera = PinholeCamera(640, 480, 600.0, 600.0, 319.5, 239.5)
-        eye = self.x_world.mean(axis=1) - np.array([0.3, -0.2, 1.2])
+        R_world_cam, eye = self.T_world_cam[:3, :3], self.T_world_cam[:3, 3]
         for R, t, k in zip(R_world, t_world, self.frames, strict=True):
             moved = R @ self.x_world + t[:, None]
             n = self.R_world[k] @ self.normal_world
             on = self.R_world[k] @ (self.x_world + self.noise_m[k] * self.normal_world)
             rays = moved - eye[:, None]
-            step = ((on + self.t_world[k][:, None] - moved) * n).sum(axis=0) / (rays * n).sum(
-                axis=0
-            )
-            off = np.abs(step * (rays * n).sum(axis=0))
-            seen = off < gate_m
+            off = ((on + self.t_world[k][:, None] - moved) * n).sum(axis=0)
+            along = (rays * n).sum(axis=0)
+            seen = (np.abs(off) < gate_m) & (np.abs(along) > 0.2 * np.linalg.norm(rays, axis=0))
+            step = np.where(seen, off / along, 0.0)
             p_world.append(np.where(seen, moved + step * rays, 0.0))
             precision.append(seen / self.sigma_m**2)
-            uv.append(camera.project(rays.T))
+            uv.append(CAMERA.project(rays.T @ R_world_cam))
         kept = (np.array(precision) > 0).sum(axis=0) >= 2
         patches = PatchObservations(
             np.array(p_world)[:, :, kept],
@@ -93,13 +95,19 @@ def surface_of():
         rng = np.random.default_rng([seed, 77])
         span = np.linalg.svd(truth.rest_world - truth.rest_world.mean(axis=0))[2]
         across = span[rng.choice(3, patches, p=[0.2, 0.2, 0.6])]  # edges, handle sides, front
-        x = truth.rest_world.mean(axis=0) + rng.uniform(-0.2, 0.2, (patches, 3)) @ span
+        x = (
+            truth.rest_world.mean(axis=0)
+            + rng.uniform(-1, 1, (patches, 3)) * [0.2, 0.2, 0.04] @ span
+        )
+        T_world_cam = np.eye(4)  # before the front, towards two corners
+        T_world_cam[:3, :3] = span.T * np.linalg.det(span)
+        T_world_cam[:3, 3] = x.mean(axis=0) - T_world_cam[:3, :3] @ [0.7, 0.7, 1.2]
         R, t = part_motion(truth.kind, truth.T_world_joint, truth.q)
         noise = (sigma_m if noise_m is None else noise_m) * rng.normal(size=(truth.q.size, patches))
         if block_px:
-            block = np.floor(600.0 * (x @ span[:2].T) / 1.2 / block_px).astype(int)
-            _, of_patch = np.unique(block, axis=0, return_inverse=True)
+            uv = CAMERA.project((x - T_world_cam[:3, 3]) @ T_world_cam[:3, :3])
+            _, of_patch = np.unique(np.floor(uv / block_px), axis=0, return_inverse=True)
             noise = noise[:, of_patch.ravel()]
-        return Slab(x.T, across.T, R, t, noise, sigma_m, tuple(hidden))
+        return Slab(x.T, across.T, R, t, noise, sigma_m, T_world_cam, tuple(hidden))
 
     return build
