@@ -30,6 +30,9 @@ class FitArguments:
     """Write one JSON object a line to this file; - is standard output (no table then)."""
     seed: int = 0
     """Of the random sampling inside the estimator."""
+    grasp: bool = False
+    """Use where the gripper was while it held, in recordings that say so (T_world_gripper and
+    grasp_frames); otherwise the images alone count."""
 
 
 def fit(arguments: FitArguments) -> int:
@@ -47,7 +50,7 @@ def fit(arguments: FitArguments) -> int:
             for number, path in enumerate(arguments.inputs, 1):
                 _show_progress(number, len(arguments.inputs), path)
                 try:
-                    posterior = _fit_one(path, arguments.seed)
+                    posterior = _fit_one(path, arguments.seed, arguments.grasp)
                 except OutputError:
                     raise
                 except AkmError as error:
@@ -69,11 +72,13 @@ def fit(arguments: FitArguments) -> int:
     return code
 
 
-def _fit_one(path: Path, seed: int) -> ArticulationPosterior:
+def _fit_one(path: Path, seed: int, grasp: bool) -> ArticulationPosterior:
+    from akm_fg.estimation.config import FitConfig, GraspConfig
     from akm_fg.io.inputs import read_input
     from akm_fg.pipeline import fit_input
 
-    return fit_input(read_input(path), str(path), seed)
+    config = FitConfig(grasp=GraspConfig() if grasp else None)
+    return fit_input(read_input(path), str(path), seed, config)
 
 
 def _line(posterior: ArticulationPosterior) -> str:

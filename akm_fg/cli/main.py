@@ -36,7 +36,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         prog="akm-fg",
         description=_DESCRIPTION,
         args=None if argv is None else list(argv),
-        config=(tyro.conf.OmitArgPrefixes, tyro.conf.FlagConversionOff),
+        config=(tyro.conf.OmitArgPrefixes, tyro.conf.FlagCreatePairsOff),
     )
     try:
         match arguments:

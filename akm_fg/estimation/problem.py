@@ -81,12 +81,13 @@ class FitProblem:
         return replace(self, observations=replace(self.observations, grasp=grasp))
 
     def counting(self, as_one: float) -> FitProblem:
-        """The problem with dense readings weighed for tracks of which so many count as one."""
-        dense = self.observations.dense
-        if dense is None:
-            return self
-        dense = replace(dense, count_as_one=max(dense.count_as_one / as_one, 1e-3))
-        return replace(self, observations=replace(self.observations, dense=dense))
+        """The problem with the others weighed for tracks of which so many count as one."""
+        dense, grasp = self.observations.dense, self.observations.grasp
+        if dense is not None:
+            dense = replace(dense, count_as_one=max(dense.count_as_one / as_one, 1e-3))
+        if grasp is not None:
+            grasp = replace(grasp, count_as_one=grasp.count_as_one / as_one)
+        return replace(self, observations=replace(self.observations, dense=dense, grasp=grasp))
 
     @property
     def holds(self) -> tuple[tuple[int, int], ...]:

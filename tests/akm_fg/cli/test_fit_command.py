@@ -220,12 +220,12 @@ def test_an_interruption_keeps_what_is_done(good, tmp_path, capfd, monkeypatch):
 
     real, calls, out = command._fit_one, [], tmp_path / "out.jsonl"
 
-    def interrupted_at_the_second(path, seed):
+    def interrupted_at_the_second(path, *settings):
         calls.append(path)
         if len(calls) == 2:
             assert len(out.read_text().splitlines()) == 1  # on disk already: a kill loses nothing
             raise KeyboardInterrupt
-        return real(path, seed)
+        return real(path, *settings)
 
     monkeypatch.setattr(command, "_fit_one", interrupted_at_the_second)
     code = main(["fit", str(good), str(good), str(good), "--json", str(out)])
