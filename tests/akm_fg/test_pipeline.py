@@ -1,0 +1,94 @@
+"""The whole way of a rendered recording: what tracks, surfaces and both say of its joint."""
+
+from functools import cache
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+from akm_fg.errors import NoMotionObserved
+from akm_fg.io.posterior_json import posterior_as_dict
+from akm_fg.pipeline import fit_input, fit_recording
+
+SOURCES = ("tracks", "dense", "both")
+
+
+@pytest.fixture(scope="module")
+def fitted(door):
+    """Fits of the door's recording by source."""
+
+    @cache
+    def fit(sources):
+        return fit_recording(door.recording, sources=sources)
+
+    return fit
+
+
+def _axis_line_off(posterior, door):
+    """Angle of the axis from the true one, and the true axis line's distance from the pivot."""
+    joint = posterior.best.joint
+    across = (np.array(door.scene.hinge) - joint.pivot)[:2]  # the hinge is upright
+    return np.arccos(min(abs(joint.axis[2]), 1.0)), np.hypot(*across)
+
+
+@pytest.mark.parametrize("sources", SOURCES)
+def test_a_recorded_door_is_a_door_within_its_deviations(sources, fitted, door):
+    posterior = fitted(sources).posterior
+    assert posterior.kind == "revolute"
+    assert posterior.fit.parametric
+    angle, distance = _axis_line_off(posterior, door)
+    joint = posterior.best.joint
+    assert angle < 4 * joint.axis_sd_rad and np.degrees(joint.axis_sd_rad) < 1.0
+    assert distance < 4 * joint.pivot_sd_m and joint.pivot_sd_m < 0.006
+    states = posterior.best.states
+    seen = np.isfinite(states.mean) & (np.arange(door.states.size) > 0)
+    assert seen.sum() >= 9
+    assert joint.axis[2] < 0  # the door opens about world -z
+    assert_allclose(states.mean[seen], door.states[seen], atol=0.02)
+
+
+def test_both_are_at_least_as_sure_as_tracks(fitted):
+    tracks, both = (fitted(s).posterior.best.joint for s in ("tracks", "both"))
+    assert both.axis_sd_rad <= 1.001 * tracks.axis_sd_rad
+    assert both.pivot_sd_m <= 1.001 * tracks.pivot_sd_m
+
+
+def test_the_report_says_what_was_in_the_graph(fitted):
+    tracks, dense, both = (fitted(s).posterior.fit for s in SOURCES)
+    assert tracks.keyframes_registered == () and tracks.patches_used == 0
+    assert tracks.patches_rms_m is None and tracks.patches_as_one is None
+    assert len(both.keyframes_registered) == 5 and both.keyframes_registered[0] == 0
+    assert both.tracks_used == tracks.tracks_used > 50
+    assert dense.tracks_used == 0 and len(dense.keyframes_registered) > 5
+    for fit in (dense, both):
+        assert fit.patches_used > 500
+        assert 1e-4 < fit.patches_rms_m < 3e-3
+        assert fit.patches_as_one > 5  # the renderer's noise is shared by neighbouring pixels
+
+
+def test_json_carries_the_report_on_the_surface(fitted):
+    posterior = fitted("both").posterior
+    fields = posterior_as_dict(posterior)["fit"]
+    assert fields["keyframes_registered"] == list(posterior.fit.keyframes_registered)
+    assert fields["patches_used"] == posterior.fit.patches_used
+    assert fields["patches_rms_m"] == posterior.fit.patches_rms_m
+    assert fields["patches_as_one"] == posterior.fit.patches_as_one
+
+
+def test_times_add_up(fitted):
+    times = fitted("tracks").posterior.time_s
+    assert_allclose(times["perception"] + times["fit"], times["total"])
+    assert min(times.values()) > 0
+
+
+def test_a_recording_given_as_input_is_fitted_under_its_new_name(fitted, door):
+    posterior = fit_input(door.recording, "somewhere/else")
+    assert posterior.name == "somewhere/else"
+    assert_allclose(
+        posterior.best.joint.T_world_joint, fitted("both").posterior.best.joint.T_world_joint
+    )
+
+
+def test_a_recording_in_which_nothing_moves_says_so_with_its_name(still):
+    with pytest.raises(NoMotionObserved, match=r"^clip: .*expected a part that moves$"):
+        fit_recording(still.recording)
