@@ -243,7 +243,9 @@ def _posterior(
     probability = kind_probabilities(fits, problem.config.prior)
     best = max(fits, key=lambda fit: probability[fit.kind])
     parametric = is_parametric(best, problem, as_one)
-    warnings = [*warnings, *passed_limits(problem.knowledge.states, best.kind, best.q)]
+    warnings = warnings + [
+        text for fit in fits for text in passed_limits(problem.knowledge.states, fit.kind, fit.q)
+    ]
     decided = parametric and probability[best.kind] >= problem.config.undecided_below
     posterior = ArticulationPosterior(
         name=problem.name,

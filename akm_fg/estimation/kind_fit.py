@@ -112,7 +112,8 @@ def fit_kind(
         AxisUnobservable: the data leave a direction open.
     """
     observations, config = problem.observations, problem.config
-    backward = guess.q.mean() < 0 and problem.states is not None
+    limited = problem.states is not None and problem.states.limits(guess.kind) is not None
+    backward = limited and guess.q.mean() < 0
     if backward:  # limits are those of states that grow
         guess = turned(guess)
     values = initial_values(guess, observations)

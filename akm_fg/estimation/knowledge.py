@@ -29,7 +29,9 @@ from factors.static_part import static_scale
 
 _STATIC_TRACKS = 30  # tell the level to three percent, in milliseconds
 _STATIC_FRAMES = 30
-_PASSED_WIDTHS = 3.0  # beyond a limit: no longer its softness
+# Beyond a limit. Noise of z standard deviations s takes a state that is at its stop z s w / (w^2 +
+# s^2) widths w past it, at most z / 2: this is three standard deviations.
+_PASSED_WIDTHS = 1.5
 
 
 @dataclass(frozen=True, slots=True)
@@ -91,7 +93,7 @@ class StateLimits:
             )
 
     def passed(self, q: FloatArray) -> bool:
-        """Whether states (T,) lie beyond a limit by more than its softness explains."""
+        """Whether states (T,) lie beyond a limit by more than noise explains."""
         e, _ = joint_limits_residual(q, self.lower, self.upper, self.width)
         return bool((np.abs(e) > _PASSED_WIDTHS).any())
 
@@ -229,7 +231,7 @@ def state_priors(
 
 def passed_limits(states: StateKnowledge | None, kind: str, q: FloatArray) -> list[str]:
     """A warning where the states (T,) of a kind contradict its limits."""
-    limits = None if states is None else states.limits(kind)
+    limits = None if states is None or kind == "rigid" else states.limits(kind)
     if limits is None or not limits.passed(q):
         return []
     return [
