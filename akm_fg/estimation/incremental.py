@@ -9,12 +9,9 @@ from the keyframes, exactly as `fit_tracks` would, a piece of that work a frame.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
-
 import numpy as np
 
 from akm_fg.errors import InsufficientData, TracksLost
-from akm_fg.estimation.config import FitConfig
 from akm_fg.estimation.fit import joint_posterior, one_blas_thread
 from akm_fg.estimation.keyframes import Keyframes, StreamFrame
 from akm_fg.estimation.kind_comparison import (
@@ -24,41 +21,14 @@ from akm_fg.estimation.kind_comparison import (
     compare_kinds,
 )
 from akm_fg.estimation.leading_kind import LeadingKind
-from akm_fg.estimation.posterior import ArticulationPosterior, JointPosterior, NamedKind
+from akm_fg.estimation.posterior import ArticulationPosterior
 from akm_fg.estimation.rigid_motion import MIN_POINTS
 from akm_fg.estimation.steps import Steps, to_end
+from akm_fg.estimation.stream_records import FrameUpdate, IncrementalConfig
 from akm_fg.estimation.stream_tracks import StreamTracks
 from akm_fg.records import BoolArray, FloatArray, PointTracks
 
-
-@dataclass(frozen=True, slots=True)
-class IncrementalConfig:
-    """How much is kept, and how often it is thought over."""
-
-    fit: FitConfig = field(default_factory=FitConfig)
-    max_keyframes: int = 40  # a graph of so many is solved on within half a camera's period
-    max_pooled: int = 16  # frames that a keyframe may stand for
-    max_tracks: int = 400  # beyond them, those lost are forgotten, the least seen first
-    noise_floor: float = 1.5  # standard deviations of noise within which two places are one
-    growth_to_solve: float = 0.05  # share of new frames after which the leading kind is solved on
-    growth_to_compare: float = 0.15  # and after which all kinds are compared again
-
-
-@dataclass(frozen=True, slots=True)
-class FrameUpdate:
-    """What is known after a frame. The kinds' probabilities are those of the last comparison."""
-
-    number: int  # of the frame, from 0
-    stamp_s: float | None
-    is_keyframe: bool
-    kind: NamedKind
-    kind_probability: dict[str, float]  # empty before the first comparison
-    joint: JointPosterior | None  # of the most probable kind; None while that is rigid
-    state: float | None  # of this frame, metres or radians; None where it is not seen
-    state_sd: float | None
-    zero_frame: int | None  # where the state is zero: the first frame whose tracks are kept
-    keyframes: int
-    warning: str | None  # why kinds could not be fitted or solved on, of the last attempt
+__all__ = ["FrameUpdate", "IncrementalConfig", "IncrementalFit"]
 
 
 class IncrementalFit:
@@ -172,20 +142,51 @@ class IncrementalFit:
             self._states[frame.number] = state[0]
         elif lead is not None:
             return None, False
-        nearest = 1 + int(np.argmin(distance[1:])) if distance.size > 1 else 0
-        least = self._config.noise_floor * noise[nearest]
-        if len(keyframes.frames) == self._config.max_keyframes:
-            least = max(least, keyframes.least_distance_m())
-        is_keyframe = nearest == 0 or bool(distance[nearest] > least)
-        if is_keyframe:
+        if lead is not None and state is not None and self._moves():
+            q = np.array([self._states.get(n, np.inf) for n in keyframes.numbers.tolist()])
+            distance = lead.lever_m * np.abs(q - state[0])
+            noise = np.full(q.size, lead.lever_m * state[1])
+        place = self._place(distance, noise)
+        if place is None:
             keyframes.add(frame, distance, self._motion, scale)
         else:
-            there = frame.moved(*self._motion(frame.number, keyframes.frames[nearest].number))
-            keyframes.pool(nearest, there, scale)
+            there = frame.moved(*self._motion(frame.number, keyframes.frames[place].number))
+            keyframes.pool(place, there, scale)
         kept = set(keyframes.numbers.tolist())
         self._states = {n: q for n, q in self._states.items() if n in kept}
         self._version += 1
-        return state, is_keyframe
+        return state, place is None
+
+    def _place(self, distance_m: FloatArray, noise_m: FloatArray) -> int | None:
+        """The keyframe that a frame is pooled into; None where it becomes one itself.
+
+        Args:
+            distance_m: (K,) from the keyframes.
+            noise_m: (K,) their standard deviations.
+        """
+        if distance_m.size == 1:
+            return None
+        counts = np.array(self._keyframes.counts[1:])
+        near = distance_m[1:] <= self._config.noise_floor * noise_m[1:]
+        full = distance_m.size == self._config.max_keyframes
+        if not self._moves() and near.any():
+            if near.sum() < self._config.resting_keyframes and not full:
+                return None
+            return 1 + int(np.argmin(np.where(near, counts, counts.max() + 1)))
+        nearest = 1 + int(np.argmin(distance_m[1:]))
+        closer = full and distance_m[nearest] <= self._keyframes.least_distance_m()
+        return nearest if near[nearest - 1] or closer else None
+
+    def _moves(self) -> bool:
+        """Whether a kind of motion has been named: then states tell places apart.
+
+        Noise across the path must not choose what is averaged with what: means of frames chosen
+        by it lie apart even where nothing moved. Noise along the path may: the states are free.
+        Before, the frames of a place are shared out in turn.
+        """
+        if self._lead is None or self._compared is None:
+            return False
+        return self._compared.fitted.posterior.kind == self._lead.fit.kind
 
     def _members(self, frame: StreamFrame) -> BoolArray:
         """(N,) tracks that tell how far the part is: those known to be its, where enough are."""

@@ -50,6 +50,14 @@ class LeadingKind:
         return self.fit.T_world_joint
 
     @property
+    def lever_m(self) -> float:
+        """Root mean square way of its points for a unit of the state."""
+        if self.fit.kind == "prismatic":
+            return 1.0
+        x = self.fit.x_joint
+        return float(np.sqrt((x[0] ** 2 + x[1] ** 2).mean() + self.fit.pitch**2))
+
+    @property
     def scale(self) -> float:
         """Noise over its claimed standard deviation."""
         return self.fit.scales.track
