@@ -108,6 +108,24 @@ def test_one_wild_reading_does_not_make_its_neighbours_alike():
     assert_allclose(_readings(e, GRID), before, rtol=0.05)
 
 
+def test_wild_readings_do_not_hide_that_others_err_together():
+    rng = np.random.default_rng(2)
+    _, index = np.unique(np.floor(GRID / 8) @ [1, 1000], return_inverse=True)
+    e = rng.normal(size=(5, index.max() + 1))[:, index]
+    e[:, rng.choice(len(GRID), 100, replace=False)] = 50.0 * rng.normal(size=(5, 100))
+    assert 11 < _readings(e, GRID) < 20
+
+
+def test_readings_alike_over_small_blocks_count_as_one_where_the_fit_took_up_their_long_waves():
+    """Nothing is left of their sums over 64 pixels."""
+    _, index = np.unique(np.floor(GRID / 8) @ [1, 1000], return_inverse=True)
+    _, large = np.unique(np.floor(GRID / 64) @ [1, 1000], return_inverse=True)
+    e = np.random.default_rng(3).normal(size=(5, index.max() + 1))[:, index]
+    for row in e:
+        row -= (np.bincount(large, row) / np.bincount(large))[large]
+    assert 12 < _readings(e, GRID) < 18
+
+
 def test_readings_that_are_not_seen_do_not_count():
     rng = np.random.default_rng(1)
     e, seen = rng.normal(size=(5, len(GRID))), rng.random((5, len(GRID))) < 0.5

@@ -79,6 +79,24 @@ def test_an_observation_is_where_the_patchs_ray_meets_the_plane():
     assert_allclose(CAMERA.project(seen.patches.p_world[1].T), seen.uv[1], atol=1e-6)
 
 
+def test_patches_that_only_moved_views_show_are_taken_back_to_where_they_belong():
+    left = np.zeros((CAMERA.height, CAMERA.width), bool)
+    left[:, :80] = True
+    moved = _planes(_depth(*_moved(FRONT, TURN)))
+    views = _views(_planes(_depth(*FRONT), left), moved, moved)
+    still = _motions(STILL, TURN, TURN)
+    patches = views.associate(*still, GATE_M).patches
+    new = ~patches.seen[0]
+    assert new.sum() > 800
+    assert patches.seen[1:, new].all()
+    R, t = TURN.rotation().matrix(), TURN.translation()
+    back = R.T @ (patches.p_world[1][:, new] - t[:, None])
+    n = FRONT[0] / np.linalg.norm(FRONT[0])
+    assert_allclose(n @ back, -FRONT[1], atol=5e-5)
+    u = CAMERA.project(back.T)[:, 0]
+    assert ((u > 70) | (u < 8)).mean() > 0.95  # where the first view shows no plane
+
+
 def test_precision_is_that_of_one_reading_along_the_normal():
     straight = (np.array([0.0, 0.0, -1.0]), 1.2)
     views = _views(_planes(_depth(*straight)), _planes(_depth(*straight)))
