@@ -139,9 +139,10 @@ def _from_change(
     knowledge: Knowledge,
 ) -> tuple[ObservedMotion, ArticulationPosterior]:
     """Start from the motion that depth shows; the tracks that follow it take part."""
-    guess = change.guesses[0]
+    surface, guess = ChangedSurface(change.change, seed), change.guesses[0]
     R, t = part_motion(guess.kind, guess.T_world_joint, guess.q, guess.pitch)
-    moving = following(observed.tracks, R, t, change.known)
+    known = change.known[0]
+    moving = following(observed.tracks, R, t, known)
     segmentation = observed.segmentation
     observed = replace(
         observed,
@@ -155,9 +156,9 @@ def _from_change(
     if moving.sum() < MIN_POINTS or sources == "dense":
         moving = np.zeros_like(moving)
     posterior = fit_surface(
-        ChangedSurface(change.change, seed),
+        surface,
         guess,
-        change.centroid_world,
+        surface.middle(R, t, known),
         observed.tracks.select(moving),
         recording.name,
         config,

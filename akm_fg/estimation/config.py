@@ -15,13 +15,14 @@ class PriorConfig:
     hinge_distance_m: float = 0.3  # median distance of a hinge from the part's middle
     handle_distance_m: float = 0.6  # the same for the path of one marker, which sits on a handle
     hinge_distance_sigma_log: float = 0.6  # 95 % of hinges between a third and three times that
-    displacement_range_m: float = 1.0  # a frame's displacement is uniform over it: +-0.5 m
+    least_travel_m: float = 0.001  # the travel is log-uniform from here, less is no motion,
+    largest_travel_m: float = 1.0  # to here
     pitch_sigma_m_per_rad: float = 0.05  # of helical joints: 30 cm a turn
     kind_probability: dict[str, float] = field(
         default_factory=lambda: {
-            "rigid": 0.332,
-            "prismatic": 0.332,
-            "revolute": 0.332,
+            "rigid": 0.06,  # who looks at a part has moved it, or tried to
+            "prismatic": 0.468,
+            "revolute": 0.468,
             "helical": 0.004,  # screws are rare in furniture
         }
     )

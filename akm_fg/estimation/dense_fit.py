@@ -111,8 +111,11 @@ def register(
     count = config.keyframes if problem.has_tracks else config.keyframes_alone
     chosen = spread_by_state(guess.q, count)
     views = source.views(problem.keyframes[chosen].tolist(), *_motion_of_all_frames(problem, guess))
-    if not problem.has_tracks:  # a frame that nothing else sees has no state without a view
-        kept = chosen[np.isin(problem.keyframes[chosen], views.frames)]
+    # A frame that neither a track nor a view sees has no state.
+    seen_at = np.isin(problem.keyframes, views.frames)
+    seen_at |= problem.observations.tracks.observed.any(axis=1)
+    if not seen_at.all():
+        kept = np.flatnonzero(seen_at)
         problem, guess = restricted(problem, kept), restricted_guess(guess, kept)
     at = np.flatnonzero(np.isin(problem.keyframes, views.frames))
     if at.size < 2:
@@ -139,10 +142,13 @@ def register(
 
 
 def restricted(problem: FitProblem, frames: NDArray[np.int_]) -> FitProblem:
-    """A problem without tracks over some of its graph's frames (indices, the first is 0)."""
+    """A problem over some of its graph's frames (indices, growing), those that tracks see in it."""
     tracks = problem.observations.tracks
     kept = TrackObservations(
-        tracks.p_world[frames], tracks.information_world[frames], tracks.observed[frames], 0.0
+        tracks.p_world[frames],
+        tracks.information_world[frames],
+        tracks.observed[frames],
+        tracks.log_det_cov,
     )
     return replace(
         problem,

@@ -17,6 +17,8 @@ from akm_fg.records import FloatArray
 from factors.student_t import covariance_factor
 
 _NEGLIGIBLE = 0.05  # correlations below it do not matter; of few residuals, chance is larger
+_FREE_NUMBERS = {"prismatic": 3, "revolute": 6}  # of a frame's motion, for a joint to pick from
+_TRACY_WIDOM_99 = 2.02  # quantile of the Tracy-Widom law of order one
 _SOLVER_SHARE = 3e-3  # of the noise variance: what the solver's tolerances leave
 
 
@@ -193,6 +195,32 @@ def kind_probabilities(fits: list[KindFit], prior: PriorConfig) -> dict[str, flo
         kind: math.exp(log_p[kind] - top) / total if kind in log_p else 0.0
         for kind in prior.kind_probability
     }
+
+
+def motion_is_significant(fits: list[KindFit]) -> bool:
+    """Whether a moving kind fits better than chance lets it, if nothing moved.
+
+    Its prior makes the evidence prefer rest to a motion near the noise. That is no ground to say
+    that nothing moved: rest is named only where a test accepts it. At rest, a joint picks of the
+    T - 1 free displacements' noise (three numbers of a drawer, six of a hinge) the direction of
+    largest variance, so that twice the gain in log likelihood is distributed as the largest
+    eigenvalue of a white Wishart matrix (Johnstone, On the distribution of the largest eigenvalue
+    in principal components analysis, 2001, eqs. 1.3 to 1.5).
+    """
+    rest = next(fit for fit in fits if fit.kind == "rigid")
+    for fit in fits:
+        if fit.kind in _FREE_NUMBERS and fit.q.size > 2:
+            gained = 2 * (fit.evidence.log_likelihood - rest.evidence.log_likelihood)
+            if gained > _largest_by_chance((fit.q.size - 1) / fit.tau, _FREE_NUMBERS[fit.kind]):
+                return True
+    return False
+
+
+def _largest_by_chance(n: float, p: int) -> float:
+    """99 % quantile of the largest eigenvalue of a white Wishart matrix, n samples of p numbers."""
+    root_n, root_p = math.sqrt(max(n - 1, 1.0)), math.sqrt(p)
+    width = (root_n + root_p) * (1 / root_n + 1 / root_p) ** (1 / 3)
+    return (root_n + root_p) ** 2 + _TRACY_WIDOM_99 * width
 
 
 def is_parametric(fit: KindFit, problem: FitProblem, tau: float) -> bool:

@@ -22,6 +22,7 @@ from akm_fg.estimation.evidence import (
     correlation_frames,
     is_parametric,
     kind_probabilities,
+    motion_is_significant,
     nested_screw,
     temper,
 )
@@ -247,6 +248,8 @@ def _posterior(
         text for fit in fits for text in passed_limits(problem.knowledge.states, fit.kind, fit.q)
     ]
     decided = parametric and probability[best.kind] >= problem.config.undecided_below
+    if best.kind == "rigid" and motion_is_significant(fits):
+        decided = False
     posterior = ArticulationPosterior(
         name=problem.name,
         kind=cast(NamedKind, best.kind if decided else "undecided"),

@@ -29,6 +29,7 @@ from akm_fg.estimation.laplace import (
     inverted,
     log_joint_prior,
     log_state_prior,
+    metres_per_unit,
     observable_directions,
 )
 from akm_fg.estimation.observations import (
@@ -159,19 +160,13 @@ def _state_priors(guess: JointGuess, problem: GraphProblem) -> StatePriors | Non
     """Of the kind's states; what a state is in metres is taken at the guess."""
     if problem.states is None or problem.keyframes is None:
         return None
-    log_flat = _log_state_prior(guess, problem)
-    metres = math.exp(log_flat) * problem.config.prior.displacement_range_m
+    metres = _metres_per_unit(guess, problem)
     return state_priors(problem.states, guess.kind, problem.keyframes, metres)
 
 
-def _log_state_prior(guess: JointGuess, problem: GraphProblem) -> float:
-    return log_state_prior(
-        guess.kind,
-        guess.T_world_joint,
-        problem.centroid_world,
-        problem.lever_m,
-        problem.config.prior,
-        guess.pitch,
+def _metres_per_unit(guess: JointGuess, problem: GraphProblem) -> float:
+    return metres_per_unit(
+        guess.kind, guess.T_world_joint, problem.centroid_world, problem.lever_m, guess.pitch
     )
 
 
@@ -260,7 +255,8 @@ def _posterior(
     held, dense_information = _held_information(solution, problem, scales, information.shape[0])
     if grasp is not None:
         likelihood, held = likelihood + grasp.log_likelihood, held + grasp.held
-    log_states, log_held = _integrated_states(solution, held, _log_state_prior(guess, problem))
+    log_flat = log_state_prior(q, _metres_per_unit(guess, problem), prior)
+    log_states, log_held = _integrated_states(solution, held, log_flat)
     freedom = observations.freedom(fitted)
     d2 = cost.d2[observations.tracks.observed] / freedom
     factor = covariance_factor(d2, config.dof, 3) if d2.size else 1.0
@@ -276,7 +272,8 @@ def _posterior(
         log_likelihood=likelihood,
         log_prior=log_joint_prior(kind, T, problem.centroid_world, prior, guess.pitch),
         log_frames=likelihood + log_states,
-        log_det=log_det + cost.log_det_latent - log_held,
+        log_latents=log_latents(cost),
+        log_det=log_det - log_held,
         tau=1.0,
         cov_factor=factor,
         d2=cost.d2 * scales.track**2,
@@ -289,6 +286,11 @@ def _posterior(
         grasp=grasp,
         log_noise=observations.log_noise(scales),
     )
+
+
+def log_latents(cost: TrackCost) -> float:
+    """Log of the width that the data leave the latent points (flat prior, one a cubic metre)."""
+    return 1.5 * cost.x_joint.shape[1] * math.log(2 * math.pi) - 0.5 * cost.log_det_latent
 
 
 def _integrated_states(

@@ -35,7 +35,8 @@ class KindFit:
     log_likelihood: float  # normalised Student-t, at the best latent points and orientation
     log_prior: float  # density of the joint alone, at the solution
     log_frames: float  # what the frames say with their states marginalised, latent points held
-    log_det: float  # of the information on joint, reference and latent points, states marginalised
+    log_latents: float  # log of the width that the data leave the latent points
+    log_det: float  # of the information on joint and reference, states marginalised
     tau: float  # observations (neighbours in time and space) that count as one
     cov_factor: float  # of `cov` over the inverse of the graph's information
     d2: FloatArray  # (T, N) squared errors in units of the *given* covariances
@@ -58,17 +59,17 @@ class KindFit:
     def evidence(self) -> Evidence:
         """Laplace evidence, one in tau observations counted.
 
-        The marginal likelihood of joint, reference and latent points (states integrated out
-        frame by frame) to the power 1 / tau, times their prior, integrated by Laplace's method.
+        The marginal likelihood of joint and reference (latent points integrated out, states frame
+        by frame) to the power 1 / tau, times their prior, integrated by Laplace's method.
         """
         reference = 3 if self.has_reference else 0
-        fitted = len(self.joint_directions) + reference + 3 * self.x_joint.shape[1]
+        fitted = len(self.joint_directions) + reference
         fitted += self.kind == "helical"
         log_det = self.log_det
         if self.grasp is not None:
             fitted, log_det = fitted + self.grasp.variables, log_det + self.grasp.log_det
         return Evidence(
-            log_likelihood=self.log_likelihood / self.tau,
+            log_likelihood=(self.log_likelihood + self.log_latents) / self.tau,
             log_states=(self.log_frames - self.log_likelihood) / self.tau,
             log_joint_prior=self.log_prior,
             log_joint_volume=0.5 * fitted * math.log(2 * math.pi * self.tau) - 0.5 * log_det,
@@ -107,24 +108,42 @@ def observable_directions(kind: str) -> tuple[int, ...]:
     return tuple(i for i, name in enumerate(TANGENT) if name not in GAUGE_NAMES[kind])
 
 
-def log_state_prior(
+def metres_per_unit(
     kind: str,
     T_world_joint: FloatArray,
     centroid_world: FloatArray,
     lever_m: float,
-    prior: PriorConfig,
     pitch: float = 0.0,
 ) -> float:
-    """Log prior density of one state, per unit of the state.
-
-    Flat on metres of displacement over the configured range, so that it pulls nowhere and favours
-    no kind: a radian counts as the moving points' root mean square distance from the axis.
-    """
-    per_metre = -math.log(prior.displacement_range_m)
+    """How far the part moves when its state grows by one: root mean square over its points."""
     if kind == "prismatic":
-        return per_metre
+        return 1.0
     rho2 = _hinge_distance(T_world_joint, centroid_world) ** 2
-    return per_metre + 0.5 * math.log(rho2 + lever_m**2 + pitch**2)
+    return math.sqrt(rho2 + lever_m**2 + pitch**2)
+
+
+def log_state_prior(q: FloatArray, metres: float, prior: PriorConfig) -> float:
+    """Log prior density of one state of q (T,), per unit of the state.
+
+    How far the part was moved is not known beforehand: its travel L is log-uniform between the
+    least and the largest of the configuration, state zero lies anywhere in it, and the states, in
+    metres of displacement, are uniform over it. With travel and place integrated out, n states
+    that spread over R have the density
+
+        R^-n / (n (n + 1) log(L_max / L_min)),
+
+    which pulls nowhere within the travel and takes no more from a small motion than from a large
+    one. It is the same for every moving kind.
+
+    Args:
+        q: states, the first zero.
+        metres: see `metres_per_unit`.
+        prior: holds the ends of the travel.
+    """
+    n = q.size - 1
+    spread = min(max(metres * float(np.ptp(q)), prior.least_travel_m), prior.largest_travel_m)
+    range_log = math.log(prior.largest_travel_m / prior.least_travel_m)
+    return math.log(metres / spread) - math.log(n * (n + 1) * range_log) / n
 
 
 def log_joint_prior(

@@ -84,10 +84,10 @@ class Evidence:
     Repeated observations that err together count once in all of them.
     """
 
-    log_likelihood: float  # of the observations at the best joint and states
+    log_likelihood: float  # of the observations at the best joint and states, latents marginal
     log_states: float  # prior density of the states times the width the data leave them
     log_joint_prior: float  # prior density of the joint's frame and pitch
-    log_joint_volume: float  # width that the data leave joint and latent points
+    log_joint_volume: float  # width that the data leave the joint
     log_nested: float = 0.0  # what systematic errors take from a screw's lead over its hinge
     log_noise: float = 0.0  # density of the noise level that this kind needs, where it is known
 

@@ -10,7 +10,7 @@ import numpy as np
 from akm_fg.estimation.grasp_fit import rigid_grasp_fit
 from akm_fg.estimation.initial_guess import JointGuess
 from akm_fg.estimation.joint_graph import GraphProblem
-from akm_fg.estimation.kind_fit import guess_cost, patches_cost
+from akm_fg.estimation.kind_fit import guess_cost, log_latents, patches_cost
 from akm_fg.estimation.laplace import KindFit
 from akm_fg.estimation.observations import (
     CHI2_MEDIAN,
@@ -50,9 +50,9 @@ def fit_rigid(problem: GraphProblem) -> KindFit:
     if observations.grasp is not None:
         grasp = rigid_grasp_fit(observations.grasp, config)
         likelihood += grasp.log_likelihood
-    log_det = cost.log_det_latent
+    log_det = 0.0
     if errors is not None:
-        log_det += 3 * math.log(orientation_information(errors, scales, config).sum())
+        log_det = 3 * math.log(orientation_information(errors, scales, config).sum())
     return KindFit(
         kind="rigid",
         T_world_joint=None,
@@ -65,6 +65,7 @@ def fit_rigid(problem: GraphProblem) -> KindFit:
         log_likelihood=likelihood,
         log_prior=0.0,
         log_frames=likelihood,
+        log_latents=log_latents(cost),
         log_det=log_det,
         tau=1.0,
         cov_factor=1.0,

@@ -51,12 +51,13 @@ class PartSurface:
         back = np.einsum("tji,tnj->tni", R_world, tracks.p_world - t_world[:, None])
         count = np.maximum(seen.sum(axis=0), 1)[:, None]
         shape = np.where(seen[..., None], back, 0.0).sum(axis=0) / count
+        any_seen = np.asarray(seen.any(axis=0))
         motion = RigidMotion(
             R_world=R_world,
             t_world=t_world,
-            shape_world=np.where(seen.any(axis=0)[:, None], shape, np.nan),
+            shape_world=np.where(any_seen[:, None], shape, np.nan),
             known=known,
-            inlier=seen.any(axis=0),
+            inlier=any_seen,
             scale=1.0,
         )
         numbers = [int(k) for k in frames]

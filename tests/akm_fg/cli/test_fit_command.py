@@ -101,7 +101,7 @@ def _one_frame_tracks(tmp_path, recording):
 
 def _still_tracks(tmp_path, recording):
     path = tmp_path / "still.npz"
-    np.savez(path, points=_drawer_points(travel_m=0.0), sigma_m=0.001)
+    np.savez(path, points=_drawer_points(frames=20, travel_m=0.0), sigma_m=0.001)
     return path
 
 

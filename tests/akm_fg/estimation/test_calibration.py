@@ -111,7 +111,8 @@ def test_evidence_of_rigid_is_the_integral_worked_on_paper(opening):
 def test_evidence_of_a_drawer_is_laplaces_over_axis_states_and_points(opening):
     """Dense: all residuals stacked, the whole Hessian by differences, one determinant.
 
-    Priors: axis uniform on the half sphere, states uniform over a metre, points flat.
+    Priors: axis uniform on the half sphere, points flat, states uniform over a travel that is
+    log-uniform from a millimetre to a metre, with state zero anywhere in it.
     """
     truth = opening(0, "prismatic", points=7, frames=6)
     p, (T, N, _) = truth.tracks.p_world, truth.tracks.p_world.shape
@@ -135,6 +136,8 @@ def test_evidence_of_a_drawer_is_laplaces_over_axis_states_and_points(opening):
         - np.log(2 * np.pi)
         + zero.size / 2 * np.log(2 * np.pi)
         - 0.5 * np.linalg.slogdet(J.T @ J)[1]
+        - (T - 1) * np.log(np.ptp(q))
+        - np.log((T - 1) * T * np.log(1000.0))
     )
     assert_allclose(fit.log_evidence, want, atol=0.05)
 

@@ -194,7 +194,7 @@ def test_nothing_moves_and_nothing_is_claimed(seed, opening):
     still = opening(seed, "prismatic", travel=0.0, frames=60)
     fit, updates = _fed(still.tracks)
     assert {u.kind for u in updates} <= {"undecided", "rigid"}
-    assert updates[-1].kind == fit.posterior().kind == "rigid"
+    assert fit.posterior().kind_probability["rigid"] > 0.8  # of few frames: the rest is undecided
     assert updates[-1].joint is None and updates[-1].state is None
     assert len(fit.keyframes) == 1 + IncrementalConfig().resting_keyframes
 

@@ -28,7 +28,10 @@ from akm_fg.estimation.knowledge import (
     noise_level_of_static,
     state_priors,
 )
-from akm_fg.records import PointTracks
+from akm_fg.perception.motion_segmentation import MotionSegmentation
+from akm_fg.perception.observe import ObservedMotion
+from akm_fg.pipeline import knowledge_of
+from akm_fg.records import PinholeCamera, PixelTracks, PointTracks, Recording, RgbdFrame
 from factors.joint_motion import part_motion
 from factors.student_t import log_normaliser
 
@@ -259,7 +262,6 @@ def test_a_noisy_state_does_not_look_like_a_slip(opening):
 def test_static_points_tell_the_noise_level_of_the_moving():
     rng, config = np.random.default_rng(0), FitConfig()
     rest = rng.uniform(-1, 1, (80, 3))
-    noise = 2.0 * SIGMA_M * rng.standard_t(config.dof, (50, 80, 1)) * np.ones(3)
     noise = 2.0 * SIGMA_M * rng.normal(size=(50, 80, 3))
     mixing = np.sqrt(rng.chisquare(config.dof, (50, 80, 1)) / config.dof)
     cov = np.tile(SIGMA_M**2 * np.eye(3), (50, 80, 1, 1))
@@ -274,6 +276,35 @@ def test_static_points_that_tell_no_level_change_nothing():
     once = PointTracks(np.where(np.arange(5)[:, None, None] == 2, np.ones((5, 4, 3)), np.nan), cov)
     none = frozen.select(np.zeros(0, dtype=int))
     assert [noise_level_of_static(t, config) for t in (frozen, once, none)] == [None] * 3
+
+
+def _seen(frames=6, points=12):
+    """A recording in which half of the points rest, and the gripper's poses are known."""
+    rng, camera = np.random.default_rng(0), PinholeCamera(4, 4, 5.0, 5.0, 2.0, 2.0)
+    rgb, depth_m = np.zeros((4, 4, 3), dtype=np.uint8), np.ones((4, 4), dtype=np.float32)
+    clip = tuple(RgbdFrame(0.1 * t, rgb, depth_m, camera, gtsam.Pose3()) for t in range(frames))
+    hands = tuple(gtsam.Pose3(gtsam.Rot3(), np.array([0.1 * t, 0, 0])) for t in range(frames))
+    static = np.arange(points) < points // 2
+    p = rng.normal(size=(1, points, 3)) + 0.001 * rng.normal(size=(frames, points, 3))
+    p[:, ~static] += 0.1 * np.arange(frames)[:, None, None]
+    tracks = PointTracks(p, np.tile(0.001**2 * np.eye(3), (frames, points, 1, 1)))
+    pixels = PixelTracks(p[..., :2], np.ones((frames, points), dtype=bool), p[..., 0])
+    segmentation = MotionSegmentation(~static, static, np.zeros_like(static), 0.0, 0.3, 1.0)
+    observed = ObservedMotion(tracks, pixels, segmentation, np.ones((4, 4), dtype=bool))
+    return Recording("clip", clip, None, hands, (1, 4)), observed
+
+
+def test_a_recording_tells_its_noise_level_and_the_gripper_only_where_asked(caplog):
+    recording, observed = _seen()
+    plain = knowledge_of(recording, observed, FitConfig())
+    assert plain.gripper is None and plain.states is None
+    assert_allclose(plain.noise_level.scale, FitConfig().moving_noise, rtol=0.4)  # not the moving
+    asked = knowledge_of(recording, observed, FitConfig(grasp=WHITE))
+    assert asked.gripper.grasp_frames == (1, 4) and asked.gripper.noise is WHITE
+    assert_allclose(asked.gripper.T_world_gripper[:, 0, 3], 0.1 * np.arange(6))
+    assert caplog.text == ""
+    without = knowledge_of(replace(recording, grasp_frames=None), observed, FitConfig(grasp=WHITE))
+    assert without.gripper is None and "no gripper poses" in caplog.text
 
 
 def test_a_noise_level_is_its_own_most_probable_scale_and_as_sharp_as_it_says():
