@@ -30,7 +30,7 @@ class DepthChangeConfig:
 
     stride_px: int = 3  # of the pixels compared, of a VGA image: errors of neighbours agree
     window: int = 3  # of such pixels, whose mean is compared
-    sigmas: float = 4.0  # of the mean: chance alone changes one window in 30,000
+    sigmas: float = 3.0  # of the mean; chance alone seldom changes nine windows side by side
     least_m: float = 0.005  # on top: systematic errors
     least_area_m2: float = 0.0015  # of a connected change: 4 cm squared; smaller is no furniture
     share_frames: int = 8  # asked for `explained_share`
@@ -87,26 +87,40 @@ def depth_change(
     stride = max(1, round(config.stride_px * shape[1] / 640))
     frames = tuple(_thinned(f, stride) for f in recording.frames)
     touched = cv2.dilate(object_mask[::stride, ::stride].astype(np.uint8), _KERNEL) > 0
-    nearer = np.zeros((len(frames), *touched.shape), dtype=bool)
-    farther, area = nearer.copy(), np.zeros(len(frames))
     fx = recording.frames[0].camera.fx
     first = _windows(frames[0], fx, noise, config)
-    width = stride * config.window
-    sd_of_mean = config.sigmas / np.sqrt(noise.independent_samples(width))
-    small = frames[0].camera
+    last = _windows(frames[-1], fx, noise, config)
+    factor = _gate_factor(first, last, noise, stride, config)
+    nearer = np.zeros((len(frames), *touched.shape), dtype=bool)
+    farther, area = nearer.copy(), np.zeros(len(frames))
     for t in range(1, len(frames)):
         now = _windows(frames[t], fx, noise, config)
+        gate = factor * np.sqrt(first.variance + now.variance) + np.float32(config.least_m)
         known = first.known & now.known
-        gate = (sd_of_mean * np.sqrt(first.variance + now.variance) + config.least_m).astype(
-            np.float32
-        )
         off = np.where(known, first.mean - now.mean, 0)
         own = np.where(known, frames[0].depth_m - frames[t].depth_m, 0)  # an edge smears the mean
-        metric = np.where(known, now.mean, 0) ** 2 / np.float32(small.fx * small.fy)
+        metric = np.where(known, now.mean, 0) ** 2 * np.float32((stride / fx) ** 2)
         nearer[t] = _components((off > gate) & (own > gate / 2), touched, metric, config)
         farther[t] = _components((off < -gate) & (own < -gate / 2), touched, metric, config)
         area[t] = float(metric[nearer[t]].sum())
     return DepthChange(recording, noise, config, frames, stride, nearer, farther, area)
+
+
+def _gate_factor(
+    first: _Windows, last: _Windows, noise: DepthNoiseModel, stride: int, config: DepthChangeConfig
+) -> np.float32:
+    """What counts as a change of a window's mean, over the sd of a single reading's change.
+
+    Where the means are worse than the model says, their own spread counts: that of the lower
+    quartile of first against last frame, which stands still.
+    """
+    expected = 1 / np.sqrt(noise.independent_samples(stride * config.window))
+    known = first.known & last.known
+    if known.any():
+        sd = np.sqrt(first.variance + last.variance)[known]
+        quartile = float(np.quantile(np.abs(first.mean - last.mean)[known] / sd, 0.25))
+        expected = max(expected, quartile / 0.3186)  # the same quartile of |x| / sd of a Gaussian
+    return np.float32(config.sigmas * expected)
 
 
 def explained_share(
@@ -197,7 +211,7 @@ def _thinned(frame: RgbdFrame, stride: int) -> RgbdFrame:
 
 
 def _components(
-    changed: BoolArray, touched: BoolArray, metric: FloatArray, config: DepthChangeConfig
+    changed: BoolArray, touched: BoolArray, metric: NDArray[np.float32], config: DepthChangeConfig
 ) -> BoolArray:
     """Connected changes that are large enough and touch the object."""
     opened = cv2.morphologyEx(changed.astype(np.uint8), cv2.MORPH_OPEN, _KERNEL)

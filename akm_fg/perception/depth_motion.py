@@ -4,8 +4,8 @@ The camera stands still. In every keyframe the part's largest face is the plane 
 of the nearer pixels (`depth_change`); in frame 0 the same face is where those pixels were. Of a
 drawer these planes are parallel: its axis starts along their normal, its states are their
 distances. Of a hinge they all hold its axis: each plane and that of frame 0 meet near it
-(`face_planes`). The states of all frames follow from the face, one by one, also where the change
-is below the noise of a pixel.
+(`face_planes`, `face_joints`). The states of all frames follow from the face, one by one, also
+where the change is below the noise of a pixel.
 """
 
 from __future__ import annotations
@@ -25,7 +25,8 @@ from akm_fg.perception.depth_change import (
     nearest_pixels,
 )
 from akm_fg.perception.depth_noise import DepthNoiseModel
-from akm_fg.perception.face_planes import FaceConfig, FaceStart, face_planes, starts_from_faces
+from akm_fg.perception.face_joints import FaceJointConfig, FaceStart, starts_from_faces
+from akm_fg.perception.face_planes import FaceConfig, face_planes
 from akm_fg.records import BoolArray, FloatArray, Recording
 from factors.joint_motion import motion_jacobians, part_motion, skew
 from factors.student_t import weight
@@ -37,6 +38,7 @@ class DepthMotionConfig:
 
     change: DepthChangeConfig = field(default_factory=DepthChangeConfig)
     face: FaceConfig = field(default_factory=FaceConfig)
+    joint: FaceJointConfig = field(default_factory=FaceJointConfig)
     keyframes: int = 8  # beside frame 0
     gates_m: tuple[float, ...] = (0.03, 0.03, 0.02, 0.01, 0.01)  # of points off the face, a step
     gate_sigmas: float = 3.0  # of a reading, on top
@@ -84,7 +86,7 @@ def depth_motion(
     if faces is None:
         return None
     found = []
-    for start in starts_from_faces(faces, len(change.frames), config.face):
+    for start in starts_from_faces(faces, len(change.frames), config.joint):
         guess, known = _with_states(start, change, config)
         R, t = part_motion(guess.kind, guess.T_world_joint, guess.q)
         found.append((explained_share(change, R, t, every), guess, known))
