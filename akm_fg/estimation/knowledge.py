@@ -27,8 +27,8 @@ from factors.state_motion import (
 )
 from factors.static_part import static_scale
 
-_STATIC_TRACKS = 30  # tell the level to three percent, in milliseconds
-_STATIC_FRAMES = 30
+_STATIC_TRACKS = 20  # tell the level to three percent, in 8 ms
+_STATIC_FRAMES = 20
 # Beyond a limit. Noise of z standard deviations s takes a state that is at its stop z s w / (w^2 +
 # s^2) widths w past it, at most z / 2: this is three standard deviations.
 _PASSED_WIDTHS = 1.5

@@ -1,6 +1,7 @@
 """What is known besides the tracks sharpens the posterior by what it is worth, and no more."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import gtsam
 import numpy as np
@@ -19,6 +20,7 @@ from akm_fg.estimation.grasp_fit import (
     rigid_grasp_fit,
 )
 from akm_fg.estimation.initial_guess import JointGuess, turned
+from akm_fg.estimation.kind_fit import _integrated_states
 from akm_fg.estimation.knowledge import (
     GripperPoses,
     Knowledge,
@@ -120,10 +122,10 @@ def test_a_grasp_shrinks_the_covariance_and_does_not_flip_the_kind(kind, share, 
         assert given.kind_probability[kind] > without.kind_probability[kind] - 0.01
 
 
-def _runs_with_grasps(runs, kind, opening, score, **settings):
+def _runs_with_grasps(runs, kind, opening, score, steady=False, **settings):
     posteriors, scores = [], []
     for seed in range(runs):
-        truth = opening(seed, kind, points=6)
+        truth = opening(seed, kind, points=6, steady=steady)
         posteriors.append(fit_tracks(truth.tracks, knowledge=_holding(truth, seed, **settings)))
         scores.append(score(posteriors[-1], truth))
     return posteriors, scores
@@ -153,9 +155,11 @@ def test_joint_nees_of_many_openings_with_grasps_is_inside_its_band(kind, slip_a
 def test_errors_of_the_grasp_that_last_are_covered_by_the_frames_that_count_as_one(
     kind, opening, score
 ):
-    """AR(1) with 0.67: five frames count as one. Counted singly, NEES leaves its band."""
+    """AR(1) with 0.67: five frames count as one. Counted singly, NEES of doors is 1.33 a number."""
     lasting = replace(WHITE, sigma_trans_m=0.004, frames_as_one=5.0)
-    _, scores = _runs_with_grasps(60, kind, opening, score, noise=lasting, correlation=0.67)
+    _, scores = _runs_with_grasps(
+        60, kind, opening, score, steady=True, noise=lasting, correlation=0.67
+    )
     dof = sum(s.dimensions for s in scores)
     assert sum(s.nees for s in scores) / dof <= stats.chi2.ppf(0.995, dof) / dof
 
@@ -208,6 +212,33 @@ def test_evidence_of_a_still_grasp_is_the_one_worked_on_paper():
     assert_allclose(fit.log_likelihood, -F * np.log(np.sqrt(2 * np.pi) * sigmas).sum(), rtol=1e-6)
     assert_allclose(fit.log_det, np.log(F / sigmas**2).sum(), rtol=1e-6)
     assert fit.variables == 6
+
+
+def test_grasps_enter_likelihood_and_volume_of_the_evidence(opening):
+    """Of a part at rest, tracks and grasps share nothing: their evidence adds up."""
+    still = opening(0, "prismatic", travel=0.0, points=7, frames=6)
+    poses, config = _gripper(still, 0), FitConfig()
+    knowledge = Knowledge(gripper=GripperPoses(poses, (0, 5), WHITE))
+    without, given = fit_tracks(still.tracks), fit_tracks(still.tracks, knowledge=knowledge)
+    assert given.fit.holds == ((0, 5),)
+    alone = rigid_grasp_fit(GraspObservations((Hold(np.arange(6), poses),), WHITE, 1.0), config)
+    want = alone.log_likelihood + 3 * np.log(2 * np.pi) - 0.5 * alone.log_det
+    gained = given.alternatives["rigid"].log_evidence - without.alternatives["rigid"].log_evidence
+    assert_allclose(gained, want, atol=1e-3)
+
+
+def test_covariance_takes_the_grasps_for_as_noisy_as_they_say(opening):
+    """One frame in four counts: twice the deviation, where tracks say next to nothing."""
+    truth = opening(0, "prismatic", points=6, noise_m=0.05, claimed_m=0.05)
+    noise = replace(WHITE, sigma_trans_m=0.001, dof=100.0)
+    few = replace(noise, frames_as_one=4.0)
+    poses = _gripper(truth, 0, noise)
+    once, quarter = (
+        fit_tracks(truth.tracks, knowledge=Knowledge(gripper=GripperPoses(poses, (0, 19), n)))
+        for n in (noise, few)
+    )
+    ratio = [p.alternatives["prismatic"].joint.axis_sd_rad for p in (quarter, once)]
+    assert_allclose(ratio[0] / ratio[1], 2.0, rtol=0.1)
 
 
 def test_rigid_and_a_joint_at_rest_say_the_same_of_a_still_grasp():
@@ -348,6 +379,27 @@ def test_state_priors_integrate_to_one():
             H.shape[0] * np.log(2 * np.pi) - np.linalg.slogdet(H)[1]
         )
         assert_allclose(log_mass, 0.0, atol=1e-9)
+
+
+def test_states_that_depend_on_each_other_are_integrated_together():
+    """Two states, seen with information h each, under a walk: the integral on a grid."""
+    states = StateKnowledge(np.array([0.0, 0.1, 0.3]), sigma_m_per_sqrt_s=0.1)
+    priors = state_priors(states, "prismatic", np.arange(3), 1.0)
+    seen, h = np.array([0.03, -0.02]), np.array([900.0, 400.0])
+    H = np.diag(h) + priors.information(np.zeros(3))
+    best = np.linalg.solve(H, h * seen)  # the walk's mode is zero
+    guess = JointGuess("prismatic", np.eye(4), np.concatenate([[0.0], best]))
+    solution = SimpleNamespace(states=priors, guess=guess)
+    log_states, log_det = _integrated_states(solution, h, 0.0)
+    axis = np.linspace(-0.5, 0.5, 401)
+    likelihood = [np.exp(-0.5 * w * (axis - p) ** 2) for w, p in zip(h, seen, strict=True)]
+    prior = np.array(
+        [[np.exp(priors.log_density(np.array([0.0, a, b]), 0.0)) for b in axis] for a in axis]
+    )
+    integral = likelihood[0] @ prior @ likelihood[1] * (axis[1] - axis[0]) ** 2
+    at_best = -0.5 * h @ (best - seen) ** 2
+    assert_allclose(at_best + log_states, np.log(integral), atol=1e-6)
+    assert_allclose(log_det, np.linalg.slogdet(H)[1])
 
 
 def test_the_random_walk_of_a_door_is_that_of_its_arc():
