@@ -1,9 +1,11 @@
 """Timings of the incremental fit beside its alternative, a batch fit of all frames: `make bench`.
 
 Every round is the frame after 300; which piece of work it has to do differs from frame to frame,
-hence as many rounds as a comparison of kinds comes round in, and the median.
+hence as many rounds as a comparison of kinds comes round in, and the median. Times are the process'
+own on its one thread, so that other work on the machine does not count.
 """
 
+import time
 from itertools import count
 
 import numpy as np
@@ -14,6 +16,7 @@ from akm_fg.estimation.incremental import IncrementalFit
 from experiments.openings import make_opening
 
 FRAMES, ROUNDS = 300, 60
+pytestmark = pytest.mark.benchmark(timer=time.process_time)
 
 
 @pytest.mark.parametrize("points", [40, 200])
