@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from akm_fg.perception.depth_change import depth_change, explained_share
-from akm_fg.perception.depth_motion import DepthMotion, depth_motion
+from akm_fg.perception.depth_motion import DepthMotion, DepthMotionConfig, depth_motion
 from akm_fg.perception.depth_noise import DepthNoiseModel
 from akm_fg.perception.face_joints import FaceJointConfig, starts_from_faces
 from akm_fg.perception.face_planes import FacePlanes
@@ -72,9 +72,12 @@ def test_nothing_changed_is_no_motion(still):
 def test_noise_worse_than_told_is_no_motion(still, depth_noise_image):
     frames, rng, focal_px = [], np.random.default_rng(3), still.scene.focal_px
     for frame in still.frames:
-        extra = 3 * depth_noise_image(rng, np.nan_to_num(frame.depth_m, nan=1.0), focal_px)
+        z = np.nan_to_num(frame.depth_m[::2, ::2], nan=1.0)
+        extra = 3 * np.kron(depth_noise_image(rng, z, focal_px), np.ones((2, 2)))
         frames.append(replace(frame, depth_m=(frame.depth_m + extra).astype(np.float32)))
-    assert depth_motion(Recording("clip", tuple(frames)), _object_mask(still), NOISE) is None
+    recording = Recording("clip", tuple(frames))
+    assert not depth_change(recording, _object_mask(still), NOISE).nearer.any()
+    assert depth_motion(recording, _object_mask(still), NOISE) is None
 
 
 def test_a_change_off_the_object_is_no_motion(still):
@@ -97,10 +100,10 @@ def test_states_below_the_noise_of_a_pixel_are_found(drawer, make_clip):
     np.testing.assert_allclose(found.guesses[0].q[1:3], states[1:3], atol=0.001)
 
 
-def test_a_frame_far_from_its_neighbours_is_found(drawer):
-    order = [0, 3, 14, 5, 6, 7]  # the third is 15 cm out, its neighbours 4 and 7 cm
+def test_a_frame_far_from_the_keyframes_is_found(drawer):
+    order = [0, 3, 5, 10, 6, 7]  # the fourth is 14 cm out, halfway between keyframes at 4 and 10
     recording = Recording("clip", tuple(drawer.frames[i] for i in order))
-    found = depth_motion(recording, _object_mask(drawer), NOISE)
+    found = depth_motion(recording, _object_mask(drawer), NOISE, DepthMotionConfig(keyframes=2))
     assert found is not None
     np.testing.assert_allclose(found.guesses[0].q, drawer.states[order], atol=0.003)
 
@@ -114,6 +117,14 @@ def test_the_true_motion_explains_the_change_and_others_do_not(name, request):
         assert explained_share(change, *_true_motion(clip, factor)) < 0.75
     R, t, known = _true_motion(clip)
     assert np.isnan(explained_share(change, R, t, np.zeros_like(known)))
+
+
+def test_that_nothing_moved_explains_no_change_however_long_it_stays(drawer):
+    order = [0, 14, 14, 14, 14, 14]  # frames at the same state agree with one another
+    recording = Recording("clip", tuple(drawer.frames[i] for i in order))
+    change = depth_change(recording, _object_mask(drawer), NOISE)
+    rest = np.tile(np.eye(3), (6, 1, 1)), np.zeros((6, 3)), np.ones(6, dtype=bool)
+    assert explained_share(change, *rest) < 0.05
 
 
 def test_changed_pixels_are_those_of_the_part(drawer):
