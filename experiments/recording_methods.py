@@ -8,6 +8,7 @@ from __future__ import annotations
 import logging
 import time
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Literal, cast
 
@@ -42,6 +43,7 @@ def run_recording(
         ValueError: it has no truth to be scored with.
     """
     recording, truth = read_recording(folder), read_truth(folder)
+    recording = replace(recording, T_world_gripper=None, grasp_frames=None)  # images alone
     if truth is None:
         raise ValueError(f"{folder} has no truth: it cannot be scored")
     for method in methods:

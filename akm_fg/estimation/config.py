@@ -18,6 +18,7 @@ class PriorConfig:
     least_travel_m: float = 0.001  # the travel is log-uniform from here, less is no motion,
     largest_travel_m: float = 1.0  # to here
     pitch_sigma_m_per_rad: float = 0.05  # of helical joints: 30 cm a turn
+    hinge_play_m_per_rad: float = 0.004  # a hinge slides so much along its axis: 3 mm over 40 deg
     kind_probability: dict[str, float] = field(
         default_factory=lambda: {
             "rigid": 0.06,  # who looks at a part has moved it, or tried to

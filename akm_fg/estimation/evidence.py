@@ -171,18 +171,24 @@ def _positive(information: FloatArray, scale: FloatArray) -> FloatArray:
 
 
 def nested_screw(fits: list[KindFit], problem: FitProblem) -> list[KindFit]:
-    """A screw may only win by a pitch that systematic errors do not explain.
+    """A screw may only win by a pitch that neither systematic errors nor a hinge's play explain.
 
-    The hinge is the screw of pitch zero, so the ratio of their evidences is that of the pitch's
-    posterior to its prior density at zero (Dickey, 1971). The posterior with systematic errors
-    is wider than the likelihood alone would have it.
+    The hinge is the screw of pitch zero, or nearly: pitch ~ N(0, play^2) against N(0, sigma^2) of
+    a screw. The ratio of their evidences is the mean, over the screw's posterior N(h, s^2) with
+    systematic errors included, of the ratio of the two priors (without play the posterior over
+    the prior at zero: Dickey, 1971):
+
+        sigma / play sqrt(v / (v + s^2)) exp(-h^2 / (2 (v + s^2))),  1/v = 1/play^2 - 1/sigma^2.
     """
     by_kind = {fit.kind: fit for fit in fits}
     if not {"helical", "revolute"} <= by_kind.keys():
         return fits
-    screw, sigma = by_kind["helical"], problem.config.prior.pitch_sigma_m_per_rad
-    at_zero = -0.5 * (screw.pitch / screw.pitch_sd) ** 2 - math.log(screw.pitch_sd / sigma)
-    excess = screw.log_evidence - (by_kind["revolute"].log_evidence - at_zero)
+    screw, prior = by_kind["helical"], problem.config.prior
+    sigma, play = prior.pitch_sigma_m_per_rad, prior.hinge_play_m_per_rad
+    v = 1 / (play**-2 - sigma**-2)
+    width = v + screw.pitch_sd**2
+    lag = math.log(sigma / play) + 0.5 * math.log(v / width) - screw.pitch**2 / (2 * width)
+    excess = screw.log_evidence - (by_kind["revolute"].log_evidence - lag)
     return [replace(f, log_nested=min(-excess, 0.0)) if f is screw else f for f in fits]
 
 

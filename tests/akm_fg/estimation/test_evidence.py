@@ -164,6 +164,8 @@ def test_a_screw_keeps_its_evidence_where_no_systematic_errors_are(door):
 def test_a_pitch_within_systematic_errors_wins_nothing(door):
     """Against a hinge whose screw lies twenty claimed deviations of pitch away from zero."""
     problem, fits = door
+    rigid_hinge = replace(problem.config.prior, hinge_play_m_per_rad=1e-9)
+    problem = replace(problem, config=replace(problem.config, prior=rigid_hinge))
     screw = fits["helical"]
     pitch = 20 * screw.pitch_sd
     lead = 0.5 * 20**2 + np.log(screw.pitch_sd / problem.config.prior.pitch_sigma_m_per_rad)
@@ -188,3 +190,16 @@ def test_without_a_screw_or_without_its_hinge_nothing_is_weighed(door):
     for kinds in (("revolute", "prismatic"), ("helical", "prismatic")):
         given = [fits[kind] for kind in kinds]
         assert nested_screw(given, problem) == given
+
+
+def test_a_pitch_within_a_hinges_play_makes_no_screw(door):
+    """Three millimetres a radian, known to a tenth of that: a hinge that slides a little."""
+    problem, fits = door
+    screw = fits["helical"]
+    k = len(screw.joint_directions)
+    cov = screw.cov.copy()
+    cov[k, k] = 3e-4**2
+    log_prior = screw.log_prior + fits["revolute"].log_evidence + 40 - screw.log_evidence
+    ahead = replace(screw, pitch=0.003, cov=cov, log_prior=log_prior)
+    weighed = nested_screw([ahead, fits["revolute"]], problem)
+    assert weighed[0].log_evidence < weighed[1].log_evidence
