@@ -227,18 +227,15 @@ def test_grasps_enter_likelihood_and_volume_of_the_evidence(opening):
     assert_allclose(gained, want, atol=1e-3)
 
 
-def test_covariance_takes_the_grasps_for_as_noisy_as_they_say(opening):
-    """One frame in four counts: twice the deviation, where tracks say next to nothing."""
+@pytest.mark.parametrize("frames_as_one", [1.0, 4.0])
+def test_covariance_by_grasps_alone_is_the_one_worked_on_paper(frames_as_one, opening):
+    """Drawer, tracks next to mute: var w = sigma^2 frames_as_one / sum (q - mean q)^2."""
     truth = opening(0, "prismatic", points=6, noise_m=0.05, claimed_m=0.05)
-    noise = replace(WHITE, sigma_trans_m=0.001, dof=100.0)
-    few = replace(noise, frames_as_one=4.0)
-    poses = _gripper(truth, 0, noise)
-    once, quarter = (
-        fit_tracks(truth.tracks, knowledge=Knowledge(gripper=GripperPoses(poses, (0, 19), n)))
-        for n in (noise, few)
-    )
-    ratio = [p.alternatives["prismatic"].joint.axis_sd_rad for p in (quarter, once)]
-    assert_allclose(ratio[0] / ratio[1], 2.0, rtol=0.1)
+    noise = replace(WHITE, sigma_trans_m=0.001, dof=100.0, frames_as_one=frames_as_one)
+    posterior = fit_tracks(truth.tracks, knowledge=_holding(truth, 0, noise))
+    spread = np.sqrt(((truth.q - truth.q.mean()) ** 2).sum())
+    sd = posterior.alternatives["prismatic"].joint.axis_sd_rad
+    assert_allclose(sd, 0.001 * np.sqrt(frames_as_one) / spread, rtol=0.1)
 
 
 def test_rigid_and_a_joint_at_rest_say_the_same_of_a_still_grasp():
