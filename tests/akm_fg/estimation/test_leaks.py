@@ -1,0 +1,39 @@
+"""Estimators leave nothing behind: built and dropped in a process of their own."""
+
+import subprocess
+import sys
+
+PROGRAM = """
+import gc
+import numpy as np
+from experiments.openings import make_opening
+from experiments.panel_camera import PanelCamera
+from akm_fg.estimation.fit import fit_tracks
+
+def resident_kb():
+    with open("/proc/self/statm") as stream:
+        return int(stream.read().split()[1]) * 4
+
+def fit(seed):
+    kind = ("revolute", "prismatic")[seed % 2]
+    opening = make_opening(seed, kind, points=30, frames=12)
+    surface = PanelCamera(opening, seed) if seed % 10 == 0 else None
+    assert fit_tracks(opening.tracks, surface=surface).kind == kind
+
+for seed in range(20):
+    fit(seed)
+gc.collect()
+before = resident_kb()
+for seed in range(20, 70):
+    fit(seed)
+gc.collect()
+print(resident_kb() - before)
+"""
+
+
+def test_fifty_fits_built_and_dropped_leave_memory_flat_and_end_cleanly():
+    done = subprocess.run(
+        [sys.executable, "-c", PROGRAM], capture_output=True, text=True, timeout=300, check=False
+    )
+    assert done.returncode == 0, done.stderr[-500:]
+    assert int(done.stdout) < 8_000  # kB: one leaked fit of this size would keep 300 kB
