@@ -43,7 +43,8 @@ class DepthMotionConfig:
     gates_m: tuple[float, ...] = (0.03, 0.03, 0.02, 0.01, 0.01)  # of points off the face, a step
     gate_sigmas: float = 3.0  # of a reading, on top
     dof: float = 4.0  # of the Student-t weights of points: other surfaces are common
-    search_m: tuple[float, ...] = (0.03, -0.03, 0.06, -0.06, 0.09, -0.09)  # where it is not seen
+    search_m: tuple[float, ...] = (0.0, 0.03, -0.03, 0.06, -0.06, 0.09, -0.09)  # from a neighbour
+    surely_seen: float = 0.5  # of the most points of the face seen in any frame
     min_seen: float = 0.1  # of the face, in a frame whose state is known
     least_cosine: float = 0.2  # between ray and normal: 78 deg
 
@@ -101,18 +102,40 @@ def _with_states(
     """The guess with the states of all frames, and where the face is seen."""
     depth_m = np.stack([f.depth_m for f in change.frames])
     q, seen = _states(start, start.guess.q, depth_m, change, config)
-    least = config.min_seen * len(start.p_world)
-    # The interpolated state may be far off, above all beyond the last keyframe of the face.
-    doubtful = np.flatnonzero(seen < 0.5 * np.median(seen))
-    for way in config.search_m if doubtful.size else ():
-        shifted = start.guess.q[doubtful] + way / start.metres_per_state
-        found, count = _states(start, shifted, depth_m[doubtful], change, config)
-        better = count > seen[doubtful]
-        q[doubtful[better]], seen[doubtful[better]] = found[better], count[better]
-    known = np.asarray(seen >= least)
-    known[0], q[0] = True, 0.0
+    sure = seen >= config.surely_seen * seen.max()
+    sure[0], q[0] = True, 0.0
+    _search_from_neighbours(start, q, seen, sure, depth_m, change, config)
+    known = sure | (seen >= config.min_seen * len(start.p_world))
     q = np.interp(np.arange(q.size), np.flatnonzero(known), q[known])
     return replace(start.guess, q=q), known
+
+
+def _search_from_neighbours(
+    start: FaceStart,
+    q: FloatArray,
+    seen: NDArray[np.int_],
+    sure: BoolArray,
+    depth_m: NDArray[np.float32],
+    change: DepthChange,
+    config: DepthMotionConfig,
+) -> None:
+    """Look for the face in frames that show little of it, from the state of the nearest other.
+
+    Interpolated states are far off beyond the last keyframe that shows the face: the robot may
+    have stood there in frame 0, so that nothing tells it from what was there. Changes q and seen.
+    """
+    done = np.flatnonzero(sure)
+    lost = np.flatnonzero(~sure)
+    far = np.abs(lost[:, None] - done).min(axis=1) if lost.size else lost
+    for t in lost[np.argsort(far, kind="stable")]:
+        nearest = done[int(np.abs(done - t).argmin())]
+        starts = q[nearest] + np.array(config.search_m) / start.metres_per_state
+        there = np.broadcast_to(depth_m[t], (starts.size, *depth_m.shape[1:]))
+        states, counts = _states(start, starts, there, change, config)
+        best = int(counts.argmax())
+        if counts[best] > seen[t]:
+            q[t], seen[t] = states[best], counts[best]
+        done = np.append(done, t)
 
 
 def _states(
