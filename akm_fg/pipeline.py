@@ -121,8 +121,11 @@ def _better_than_tracks(
     first = np.flatnonzero(motion.known)[0]
     R = motion.R_world @ motion.R_world[first].T
     t = motion.t_world - np.einsum("tij,j->ti", R, motion.t_world[first])
-    by_tracks = explained_share(found.change, R, t, motion.known)
-    by_depth = found.explained[0]
+    both = motion.known & found.known[0]
+    guess = found.guesses[0]
+    R_depth, t_depth = part_motion(guess.kind, guess.T_world_joint, guess.q)
+    by_tracks = explained_share(found.change, R, t, both)
+    by_depth = explained_share(found.change, R_depth, t_depth, both)
     log.info(
         "%s: tracks explain %.2f of the change, depth %.2f", recording.name, by_tracks, by_depth
     )

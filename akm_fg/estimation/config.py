@@ -80,4 +80,5 @@ class FitConfig:
     camera_systematic_m: float = 1.5e-4  # of a recording: what no averaging removes (calibration)
     surface_systematic_m: float = 5e-5  # the same of the surface's depth, along its normal
     systematic_modes: int = 4  # independent ways in which such errors bend what is seen
+    surface_noise_limit: float = 1.0  # of single depth readings; smoothed ones are at a third
     parametric_p_value: float = 1e-3  # chi-square level below which no kind explains the data

@@ -233,11 +233,16 @@ def is_parametric(fit: KindFit, problem: FitProblem, tau: float) -> bool:
     """Whether the fit's residuals are noise: a chi-square test, the worst tenth trimmed.
 
     The noise is what can be seen without assuming a joint (`local_scale`), plus a systematic
-    part proportional to the travel: real parts flex and have play.
+    part proportional to the travel: real parts flex and have play. Where the surface says more
+    than the tracks, it decides: its readings, smoothed as they are, must not be off by more than
+    a single raw reading may be. A few tracks that slip along edges contradict no joint.
     """
     config, observed = problem.config, problem.observations.tracks.observed
-    if not observed.any():
-        return True  # nothing but planes: no noise level that needs no joint to compare with
+    dense = problem.observations.dense
+    if dense is not None:
+        readings = float(dense.patches.seen.sum()) / (dense.count_as_one * tau)
+        if readings > 3 * int(observed.sum()) / tau:
+            return fit.scales.dense <= config.surface_noise_limit
     e2 = fit.squared_error_m2[observed]
     given = e2 / np.maximum(fit.d2[observed], 1e-300)
     systematic_m = config.systematic_share * problem.travel_m

@@ -216,13 +216,17 @@ def problem_of_surface(
     R, t = part_motion(guess.kind, guess.T_world_joint, guess.q, guess.pitch)
     path = R @ centroid_world + t
     frames = np.arange(guess.q.size)
+    scale = 1.0
+    if tracks.p_world.shape[1] >= MIN_POINTS:  # how noisy they are needs no joint to see
+        rng = np.random.default_rng(0)
+        scale = max(free_rigid_motion(tracks, rng, config.rigid_motion).scale, 1.0)
     return _problem(
         name=name,
         points=tracks,
         R_world_part=None,
         keyframes=select_keyframes(path, frames, config.max_frames),
         guesses=[guess, drawer_along(path)],
-        noise=(True, T_OVER_NORMAL, 1.0, 0.0),
+        noise=(True, T_OVER_NORMAL * scale, scale, 0.0),
         centroid_world=centroid_world,
         lever_m=0.0,
         travel_m=float(np.linalg.norm(path - path[0], axis=1).max()),
