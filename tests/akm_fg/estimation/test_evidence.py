@@ -9,12 +9,13 @@ from numpy.testing import assert_allclose
 
 from akm_fg.estimation.config import FitConfig
 from akm_fg.estimation.dense_fit import register
-from akm_fg.estimation.evidence import kind_probabilities, nested_screw, temper
+from akm_fg.estimation.evidence import is_parametric, kind_probabilities, nested_screw, temper
 from akm_fg.estimation.fit import fit_tracks, graph_problem
+from akm_fg.estimation.initial_guess import JointGuess
 from akm_fg.estimation.kind_fit import fit_kind
 from akm_fg.estimation.laplace import inverted
 from akm_fg.estimation.posterior import Evidence
-from akm_fg.estimation.problem import problem_of_tracks
+from akm_fg.estimation.problem import problem_of_surface, problem_of_tracks
 from akm_fg.estimation.starts import starts_of_part
 from akm_fg.io.posterior_json import posterior_as_dict
 
@@ -203,3 +204,22 @@ def test_a_pitch_within_a_hinges_play_makes_no_screw(door):
     ahead = replace(screw, pitch=0.003, cov=cov, log_prior=log_prior)
     weighed = nested_screw([ahead, fits["revolute"]], problem)
     assert weighed[0].log_evidence < weighed[1].log_evidence
+
+
+def test_where_the_surface_says_more_it_decides_whether_a_joint_explains(opening, surface_of):
+    """Two wild tracks contradict no joint that a thousand readings of its surface agree with."""
+    truth = opening(0, "revolute", points=4, noise_m=0.05)
+    guess = JointGuess("revolute", truth.T_world_joint, truth.q)
+    alone = problem_of_surface("x", truth.tracks, guess, truth.rest_world.mean(axis=0), FitConfig())
+    alone = replace(alone, local_scale=1.0)
+    registration = register(alone, guess, alone.start, surface_of(truth), 1.0)
+    problem = registration.problem
+    fit = fit_kind(registration.guess, graph_problem(problem))
+    assert not is_parametric(fit, replace(problem, observations=_without_surface(problem)), 1.0)
+    assert is_parametric(fit, problem, 1.0)
+    rough = replace(fit, scales=replace(fit.scales, dense=1.5))
+    assert not is_parametric(rough, problem, 1.0)
+
+
+def _without_surface(problem):
+    return replace(problem.observations, dense=None)
