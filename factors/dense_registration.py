@@ -30,8 +30,8 @@ import gtsam
 import numpy as np
 from numpy.typing import NDArray
 
-from factors.adapter import make_factor, square_root_rows
-from factors.joint_motion import motion_jacobians, part_motion, unit_twist
+from factors.joint_motion import motion_jacobians, part_motion
+from factors.joint_variables import joint_variables, normal_equations_factor
 from factors.student_t import twice_negative_log_kernel, weight
 
 Array = NDArray[np.float64]
@@ -196,36 +196,19 @@ def dense_registration_factor(
             where there is no pitch (or none where there is one), a scale or a count that is not
             positive.
     """
-    unit_twist(kind)
-    if len(state_keys) != patches.p_world.shape[0]:
-        raise ValueError(f"{len(state_keys)} state keys, {patches.p_world.shape[0]} keyframes")
-    if (kind == "helical") != (pitch_key is not None):
-        raise ValueError(f"a {kind} joint with pitch key {pitch_key}; helical joints have one")
+    variables = joint_variables(kind, joint_key, state_keys, pitch_key, patches.p_world.shape[0])
     if not (scale > 0 and count_as_one > 0):
         raise ValueError(f"scale {scale} and count_as_one {count_as_one}, expected > 0")
-    free = [t for t, key in enumerate(state_keys) if key is not None]
-    keys = [key for key in state_keys if key is not None]
-    after = [] if pitch_key is None else [pitch_key]
-    columns = np.concatenate([np.arange(6), 6 + np.array(free, dtype=int)])
-    if after:
-        columns = np.append(columns, 6 + len(state_keys))
 
-    def residual(values: gtsam.Values, want_jacobians: bool) -> tuple[Array, list[Array] | None]:
-        T_world_joint = values.atPose3(joint_key).matrix()
-        q = np.zeros(len(state_keys))
-        q[free] = [values.atDouble(key) for key in keys]
-        pitch = values.atDouble(pitch_key) if pitch_key is not None else 0.0
+    def evaluate(
+        T_world_joint: Array, q: Array, pitch: float, want_equations: bool
+    ) -> tuple[float, tuple[Array, Array] | None]:
         R, t = part_motion(kind, T_world_joint, q, pitch)
         cost = dense_cost(R, t, patches, dof, scale)
-        twice_cost = cost.twice_cost / count_as_one
-        if not want_jacobians:
-            e = np.zeros(columns.size + 1)
-            e[-1] = np.sqrt(twice_cost)
-            return e, None
-        H, g = dense_normal_equations(kind, T_world_joint, q, cost, patches, pitch)
-        H, g = H[np.ix_(columns, columns)] / count_as_one, g[columns] / count_as_one
-        A, e = square_root_rows(H, g, twice_cost)
-        return e, [A[:, :6], *(A[:, k : k + 1] for k in range(6, columns.size))]
+        equations = None
+        if want_equations:
+            H, g = dense_normal_equations(kind, T_world_joint, q, cost, patches, pitch)
+            equations = H / count_as_one, g / count_as_one
+        return cost.twice_cost / count_as_one, equations
 
-    dims = {joint_key: 6, **dict.fromkeys([*keys, *after], 1)}
-    return make_factor(residual, dims, gtsam.noiseModel.Unit.Create(columns.size + 1))
+    return normal_equations_factor(variables, evaluate)

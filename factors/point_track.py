@@ -27,13 +27,13 @@ import gtsam
 import numpy as np
 from numpy.typing import NDArray
 
-from factors.adapter import make_factor, square_root_rows
 from factors.joint_motion import (
     adjoint_of_return,
     joint_displacement,
     reference_coordinates,
     unit_twist,
 )
+from factors.joint_variables import joint_variables, normal_equations_factor
 from factors.packed import (
     COL,
     ROW,
@@ -366,37 +366,19 @@ def point_track_factor(
         ValueError: the number of keys is not that of the frames, an unknown kind, or a pitch key
             where there is no pitch (or none where there is one).
     """
-    unit_twist(kind)
-    if len(state_keys) != tracks.p_world.shape[0]:
-        raise ValueError(f"{len(state_keys)} state keys, {tracks.p_world.shape[0]} frames")
-    if (kind == "helical") != (pitch_key is not None):
-        raise ValueError(f"a {kind} joint with pitch key {pitch_key}; helical joints have one")
-    free = [t for t, key in enumerate(state_keys) if key is not None]
-    keys = [key for key in state_keys if key is not None]
-    after = [] if pitch_key is None else [pitch_key]
-    columns = np.concatenate([np.arange(6), 6 + np.array(free, dtype=int)])
-    if after:
-        columns = np.append(columns, 6 + len(state_keys))
+    variables = joint_variables(kind, joint_key, state_keys, pitch_key, tracks.p_world.shape[0])
     memory = {} if last is None else last
 
-    def residual(values: gtsam.Values, want_jacobians: bool) -> tuple[Array, list[Array] | None]:
-        T_world_joint = values.atPose3(joint_key).matrix()
-        q = np.zeros(len(state_keys))
-        q[free] = [values.atDouble(key) for key in keys]
-        pitch = values.atDouble(pitch_key) if pitch_key is not None else 0.0
+    def evaluate(
+        T_world_joint: Array, q: Array, pitch: float, want_equations: bool
+    ) -> tuple[float, tuple[Array, Array] | None]:
         here = point_key(T_world_joint, q, pitch)
         if here not in memory:  # the optimiser asks for the error first, then for the Jacobian
             start = next((cost.x_joint for cost in memory.values()), x_start)
             memory.clear()
             memory[here] = track_cost(kind, T_world_joint, q, tracks, dof, scale, start, pitch)
         cost = memory[here]
-        if not want_jacobians:
-            e = np.zeros(columns.size + 1)
-            e[-1] = np.sqrt(cost.twice_cost)
-            return e, None
-        H, g = track_normal_equations(kind, q, cost, pitch)
-        A, e = square_root_rows(H[np.ix_(columns, columns)], g[columns], cost.twice_cost)
-        return e, [A[:, :6], *(A[:, k : k + 1] for k in range(6, columns.size))]
+        equations = track_normal_equations(kind, q, cost, pitch) if want_equations else None
+        return cost.twice_cost, equations
 
-    dims = {joint_key: 6, **dict.fromkeys([*keys, *after], 1)}
-    return make_factor(residual, dims, gtsam.noiseModel.Unit.Create(columns.size + 1))
+    return normal_equations_factor(variables, evaluate)

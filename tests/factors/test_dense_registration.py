@@ -392,7 +392,7 @@ def test_a_point_that_is_not_finite_is_refused():
 
 def test_keys_that_do_not_fit_the_keyframes_or_the_kind_are_refused(surface):
     patches = surface().patches
-    with pytest.raises(ValueError, match="3 state keys, 4 keyframes"):
+    with pytest.raises(ValueError, match="3 state keys, 4 frames"):
         dense_registration_factor("revolute", JOINT, _keys(3), patches, ROBUST, 1.0)
     with pytest.raises(ValueError, match="joint kind 'ball'"):
         dense_registration_factor("ball", JOINT, _keys(4), patches, ROBUST, 1.0)
