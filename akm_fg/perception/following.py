@@ -15,6 +15,7 @@ class FollowingConfig:
 
     gate_m: float = 0.015  # rms distance from the motion: what a motion from depth may be off
     least_share: float = 0.4  # of the rms distance from rest, that from the motion may be
+    least_motion_m: float = 0.004  # rms distance from rest: below, calibration drift can do it
     min_observations: int = 5
 
 
@@ -40,7 +41,7 @@ def following(
     back = (p - t_world[:, None]) @ R_world
     moved, rested = _spread(back, seen), _spread(p, seen)
     good = seen.sum(axis=0) >= config.min_observations
-    good &= moved < config.gate_m
+    good &= (moved < config.gate_m) & (rested > config.least_motion_m)
     return np.asarray(good & (moved < config.least_share * rested))
 
 

@@ -1,14 +1,19 @@
 """The whole way of a rendered recording: what tracks, surfaces and both say of its joint."""
 
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
+from akm_fg import pipeline
 from akm_fg.errors import NoMotionObserved
 from akm_fg.io.posterior_json import posterior_as_dict
+from akm_fg.perception.depth_noise import DepthNoiseModel
+from akm_fg.perception.observe import observe_motion
 from akm_fg.pipeline import fit_input, fit_recording
+from akm_fg.records import PointTracks
 
 SOURCES = ("tracks", "dense", "both")
 
@@ -92,3 +97,41 @@ def test_a_recording_given_as_input_is_fitted_under_its_new_name(fitted, door):
 def test_a_recording_in_which_nothing_moves_says_so_with_its_name(still):
     with pytest.raises(NoMotionObserved, match=r"^clip: .*expected a part that moves$"):
         fit_recording(still.recording)
+
+
+def _with_false_tracks(observed):
+    """Tracks of the body that creep by a centimetre instead of those of the part."""
+    segmentation, p = observed.segmentation, observed.tracks.p_world.copy()
+    body = np.flatnonzero(segmentation.static)[:12]
+    creep = np.linspace(0.0, 0.01, len(p))[:, None, None]
+    p[:, body] += creep * np.array([1.0, 0.0, 0.0])
+    moving = np.zeros_like(segmentation.moving)
+    moving[body] = True
+    p[:, segmentation.moving] = np.nan  # nothing on the part could be followed
+    return replace(
+        observed,
+        tracks=PointTracks(p, observed.tracks.cov_world),
+        segmentation=replace(
+            segmentation,
+            moving=moving,
+            static=segmentation.static & ~moving,
+            rejected=np.zeros_like(moving),
+        ),
+    )
+
+
+def test_tracks_that_explain_none_of_the_change_give_way_to_depth(door, monkeypatch):
+    observed = observe_motion(door.recording)
+    monkeypatch.setattr(pipeline, "observe_motion", lambda *_: _with_false_tracks(observed))
+    found = fit_recording(door.recording)
+    assert found.posterior.kind == "revolute"
+    angle, distance = _axis_line_off(found.posterior, door)
+    assert np.degrees(angle) < 3.0 and distance < 0.02
+    body = np.flatnonzero(observed.segmentation.static)[:12]
+    assert not found.observed.segmentation.moving[body].any()
+    assert found.posterior.fit.keyframes_registered
+
+
+def test_tracks_that_explain_the_change_are_kept(door):
+    observed = observe_motion(door.recording)
+    assert pipeline._better_than_tracks(door.recording, observed, DepthNoiseModel()) is None

@@ -9,7 +9,14 @@ from numpy.testing import assert_allclose
 
 from akm_fg.estimation.config import FitConfig
 from akm_fg.estimation.dense_fit import register
-from akm_fg.estimation.evidence import is_parametric, kind_probabilities, nested_screw, temper
+from akm_fg.estimation.evidence import (
+    _largest_by_chance,
+    is_parametric,
+    kind_probabilities,
+    motion_is_significant,
+    nested_screw,
+    temper,
+)
 from akm_fg.estimation.fit import fit_tracks, graph_problem
 from akm_fg.estimation.initial_guess import JointGuess
 from akm_fg.estimation.kind_fit import fit_kind
@@ -223,3 +230,13 @@ def test_where_the_surface_says_more_it_decides_whether_a_joint_explains(opening
 
 def _without_surface(problem):
     return replace(problem.observations, dense=None)
+
+
+@pytest.mark.parametrize(("gained", "significant"), [(20.0, False), (28.0, True)])
+def test_rest_is_contradicted_by_more_than_noise_can_gain(gained, significant, door):
+    """19 free states of a drawer: noise alone gains 24 nats or more once in a hundred times."""
+    _, fits = door
+    drawer = replace(fits["prismatic"], tau=1.0, q=np.zeros(20))
+    rest = replace(drawer, kind="rigid", log_likelihood=drawer.log_likelihood - gained)
+    assert motion_is_significant([rest, drawer]) is significant
+    assert _largest_by_chance(19, 3) == pytest.approx(47.0, abs=1.0)  # twice the nats
