@@ -274,3 +274,17 @@ def test_over_sixty_surfaces_the_joint_is_as_far_off_as_it_says(
         high *= 1.3
     assert low <= nees <= high, nees / dof
     assert np.mean(kinds) > 0.95
+
+
+def test_readings_weigh_more_beside_tracks_that_count_less(opening, surface_of):
+    """Four tracks counting as one: a reading weighs four times as much beside them."""
+    truth = opening(0, "revolute")
+    problem = problem_of_surface(
+        "x", truth.tracks, _guess(truth), truth.rest_world.mean(axis=0), EXACT
+    )
+    assert problem.counting(4.0) is problem  # without a surface there is nothing to weigh
+    registration = register(problem, _guess(truth), problem.start, surface_of(truth), 1.0)
+    dense = registration.problem.observations.dense
+    counted = registration.problem.counting(4.0).observations.dense
+    assert_allclose(counted.count_as_one, dense.count_as_one / 4)
+    assert counted.patches is dense.patches
