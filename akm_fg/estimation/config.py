@@ -77,7 +77,8 @@ class FitConfig:
     noise_prior_observations: float = 20.0  # weight of a given noise level, as observations
     undecided_below: float = 0.95  # probability a kind needs to be named
     systematic_share: float = 0.02  # of the travel: marker bias, flexing parts, play in the hinge
-    camera_systematic_m: float = 1.5e-4  # of a recording: what no averaging removes (calibration)
+    camera_systematic_m: float = 2e-4  # of a recording: what no averaging removes (calibration)
+    sound_noise_scale: float = 0.6  # of recordings' tracks on texture, over what lifting claims
     surface_systematic_m: float = 5e-5  # the same of the surface's depth, along its normal
     systematic_modes: int = 4  # independent ways in which such errors bend what is seen
     surface_noise_limit: float = 1.0  # of single depth readings; smoothed ones are at a third

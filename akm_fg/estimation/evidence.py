@@ -87,12 +87,15 @@ def systematic_points(fit: KindFit, problem: FitProblem) -> float:
     """How many observations count as one beyond the correlated, for the sensor's systematic errors.
 
     n observations of variance s^2 average to s^2 / n; errors of variance b^2 with m independent
-    modes add b^2 / m, whatever n is. The ratio of the two is what to count down by.
+    modes add b^2 / m, whatever n is. The ratio of the two is what to count down by. Tracks noisier
+    than told follow edges and slip along them: their systematic errors grow with their noise.
     """
     observed = problem.observations.tracks.observed
     if not observed.any():
         return 0.0
-    variance = max(_noise_variance(fit, problem.observations), 1e-12)
+    variance = _noise_variance(fit, problem.observations)
+    variance *= min(1.0, problem.config.sound_noise_scale / fit.scales.track) ** 2
+    variance = max(variance, 1e-12)
     modes = problem.config.systematic_modes
     return float(observed.sum() * problem.systematic_m**2 / (modes * variance))
 
