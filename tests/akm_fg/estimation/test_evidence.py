@@ -93,7 +93,7 @@ def test_systematic_errors_widen_the_covariance_and_leave_the_evidence_alone(doo
     fit = fits["revolute"]
     plain, wide = (temper(fit, 1.0, replace(problem, systematic_m=b)) for b in (0.0, 1e-3))
     n = problem.observations.tracks.observed.sum()
-    variance = (0.003 * fit.scales.track) ** 2
+    variance = (0.003 * min(fit.scales.track, problem.config.sound_noise_scale)) ** 2
     want = 1 + n * 1e-6 / (problem.config.systematic_modes * variance)
     assert_allclose(wide.cov, want * plain.cov, rtol=1e-6)
     assert wide.log_evidence == plain.log_evidence
@@ -133,7 +133,8 @@ def test_each_source_widens_by_its_own_count(with_surface):
     variance = fit.scales.dense**2 / np.median(dense.patches.precision[dense.patches.seen])
     readings = 3.0 + n * 2e-4**2 / (4 * variance) / dense.count_as_one
     tracks = problem.observations.tracks.observed.sum()
-    points = 3.0 + tracks * 5e-4**2 / (4 * (0.003 * fit.scales.track) ** 2)
+    sound = min(fit.scales.track, problem.config.sound_noise_scale)
+    points = 3.0 + tracks * 5e-4**2 / (4 * (0.003 * sound) ** 2)
     want = cov @ (points * (H - H_dense) + readings * H_dense) @ cov
     sd = np.sqrt(np.diag(want))
     got = temper(fit, 3.0, both).cov
