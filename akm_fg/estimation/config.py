@@ -67,7 +67,8 @@ class FitConfig:
     max_iterations: int = 30  # of Levenberg-Marquardt a round; a good start takes five
     rough_scale_tolerance: float = 0.1  # relative, the same
     rough_iterations: int = 12  # the same while comparing
-    polish_within: float = 50.0  # nats of evidence behind the best; farther off is out of the race
+    solve_within: float = 10.0  # nats behind; a start fitted to free motions is off by a tenth
+    polish_within: float = 50.0  # the same of a path, whose starts are rough; nats of evidence
     scale_iterations: int = 6  # rounds of: solve, estimate the noise scale
     still_scale_iterations: int = 1  # of a kind that is out of the race
     scale_tolerance: float = 0.02  # relative change of the noise scale that ends the rounds

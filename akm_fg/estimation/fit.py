@@ -292,7 +292,7 @@ def _fit_part(starts: list[Start], graph: GraphProblem) -> Steps[tuple[list[Kind
     """Graphs of kinds that start at their best joint; those out of the race stay there."""
     fits, reasons = [], []
     for start in starts:
-        in_race = start.nats_behind < graph.config.polish_within and start.worth_it
+        in_race = start.nats_behind < graph.config.solve_within and start.worth_it
         try:
             fits.append(fit_kind(start.guess, graph, effort="full" if in_race else "none"))
         except AxisUnobservable as error:
