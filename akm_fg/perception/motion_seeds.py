@@ -2,16 +2,12 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 from numpy.typing import NDArray
 from sklearn.cluster import SpectralClustering
 
+from akm_fg.perception.motion_config import MotionSegmentationConfig
 from akm_fg.records import BoolArray, FloatArray, PointTracks
-
-if TYPE_CHECKING:
-    from akm_fg.perception.motion_segmentation import MotionSegmentationConfig
 
 
 def held_tracks(

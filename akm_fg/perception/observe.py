@@ -12,9 +12,9 @@ from akm_fg.interfaces import ObjectSegmenter, PointTracker
 from akm_fg.perception.depth_noise import DepthNoiseModel
 from akm_fg.perception.flow_tracker import FlowTracker, FlowTrackerConfig
 from akm_fg.perception.lifting import LiftingConfig, lift
+from akm_fg.perception.motion_config import MotionSegmentationConfig
 from akm_fg.perception.motion_segmentation import (
     MotionSegmentation,
-    MotionSegmentationConfig,
     segment_motion,
 )
 from akm_fg.perception.object_mask import DepthObjectSegmenter, DepthSegmenterConfig
