@@ -118,9 +118,7 @@ def _better_than_tracks(
     if found is None or not observed.segmentation.moving.any():
         return found
     motion = free_rigid_motion(observed.moving_tracks, np.random.default_rng(0))
-    first = np.flatnonzero(motion.known)[0]
-    R = motion.R_world @ motion.R_world[first].T
-    t = motion.t_world - np.einsum("tij,j->ti", R, motion.t_world[first])
+    R, t = motion.from_frame(int(np.flatnonzero(motion.known)[0]))
     both = motion.known & found.known[0]
     guess = found.guesses[0]
     R_depth, t_depth = part_motion(guess.kind, guess.T_world_joint, guess.q)

@@ -19,6 +19,8 @@ from typing import Any
 import numpy as np
 from scipy import stats
 
+from akm_fg.report.score import axis_angle_rad, point_line_distance_m
+
 
 def run_trial(kind: str, seed: int, out: Path) -> dict[str, Any]:
     """One demo in its own process; its row, read back if it was run before."""
@@ -38,7 +40,7 @@ def errors(row: dict[str, Any]) -> dict[str, float]:
     """Errors of a row and their ratios to the claimed standard deviations."""
     joint, truth = row["posterior"]["joint"], row["truth"]
     axis, true_axis = np.array(joint["axis"]), np.array(truth["axis"])
-    axis_deg = float(np.degrees(np.arcsin(min(np.linalg.norm(np.cross(axis, true_axis)), 1.0))))
+    axis_deg = float(np.degrees(axis_angle_rad(axis, true_axis)))
     found = {
         "axis_deg": axis_deg,
         "axis_ratio": axis_deg / joint["axis_sd_deg"],
@@ -46,8 +48,8 @@ def errors(row: dict[str, Any]) -> dict[str, float]:
         "state_ratio": (row["state"]["mean"] - truth["final_state"]) / row["state"]["sd"],
     }
     if truth["pivot"] is not None and joint["pivot"] is not None:
-        offset = np.array(joint["pivot"]) - np.array(truth["pivot"])
-        pivot_m = float(np.linalg.norm(np.cross(true_axis, offset)))
+        pivot, on_axis = np.array(joint["pivot"]), np.array(truth["pivot"])
+        pivot_m = point_line_distance_m(pivot, on_axis, true_axis)
         found |= {"pivot_m": pivot_m, "pivot_ratio": pivot_m / joint["pivot_sd_m"]}
     return found
 

@@ -25,6 +25,7 @@ import numpy as np
 
 from akm_fg.estimation.fit import fit_tracks
 from akm_fg.perception.part_cloud import sample_cloud
+from akm_fg.report.score import axis_angle_rad
 from experiments.baselines.clouds import PartCloud, choose_keyframes, part_cloud
 from experiments.baselines.coarse import coarse_estimate
 from experiments.baselines.config import CoarseConfig
@@ -51,10 +52,6 @@ class Timing:
     repeat: int
     seconds: float
     axis_error_deg: float
-
-
-def _axis_error_deg(axis: np.ndarray, opening: Opening) -> float:
-    return float(np.degrees(np.arccos(np.clip(abs(axis @ opening.axis), 0, 1))))
 
 
 def _timed(call: Callable[[], np.ndarray]) -> tuple[float, np.ndarray]:
@@ -97,7 +94,7 @@ def compared(repeats: int) -> list[Timing]:
                     ("paper", lambda o=opening, s=seen, r=repeat: _paper(o, s, r)),
                 ):
                     seconds, axis = _timed(call)
-                    error = _axis_error_deg(axis, opening)
+                    error = float(np.degrees(axis_angle_rad(axis, opening.axis)))
                     rows.append(Timing(what, method, kind, 200, 30, repeat, seconds, error))
                     print(rows[-1], flush=True)
     return rows
@@ -114,7 +111,7 @@ def curves(repeats: int) -> list[Timing]:
             for repeat in range(repeats):
                 opening = make_opening(repeat, KINDS[repeat % 2], points=tracks, frames=frames)
                 seconds, axis = _timed(lambda o=opening: _graph(o, None))
-                error = _axis_error_deg(axis, opening)
+                error = float(np.degrees(axis_angle_rad(axis, opening.axis)))
                 rows.append(
                     Timing(what, "graph", opening.kind, tracks, frames, repeat, seconds, error)
                 )

@@ -39,6 +39,7 @@ from numpy.typing import NDArray
 
 from factors.adapter import make_factor, square_root_rows
 from factors.joint_motion import adjoint_of_return, joint_displacement, skew, unit_twist
+from factors.joint_variables import JointVariables
 from factors.orientation_track import log_so3, right_jacobian_inverse
 from factors.student_t import log_normaliser, twice_negative_log_kernel, weight
 
@@ -196,21 +197,18 @@ def grasp_pose_factor(
         ValueError: an unknown kind, a pitch missing or out of place, poses that do not match the
             frames or are no poses, sigmas, dof or a count that are not positive.
     """
-    _check(kind, pitch_key, len(state_keys), T_world_gripper)
+    variables = JointVariables(kind, joint_key, tuple(state_keys), pitch_key)
+    _check(len(state_keys), T_world_gripper)
     _check_noise(sigma_rot_rad, sigma_trans_m, dof)
     if not count_as_one > 0:
         raise ValueError(f"count_as_one is {count_as_one}, expected > 0")
-    free = [t for t, key in enumerate(state_keys) if key is not None]
-    keys = [key for key in state_keys if key is not None]
+    free, (_, *others) = variables.free, variables.dims
     sigmas = np.repeat([sigma_rot_rad, sigma_trans_m], 3)
-    pitch_keys = [] if pitch_key is None else [pitch_key]
-    d = 12 + len(keys) + len(pitch_keys)
+    d = 12 + len(others)
 
     def residual(values: gtsam.Values, want_jacobians: bool) -> tuple[Array, list[Array] | None]:
-        q = np.zeros(len(state_keys))
-        q[free] = [values.atDouble(key) for key in keys]
-        joint, grasp = values.atPose3(joint_key).matrix(), values.atPose3(grasp_key).matrix()
-        pitch = 0.0 if pitch_key is None else values.atDouble(pitch_key)
+        joint, q, pitch = variables.read(values)
+        grasp = values.atPose3(grasp_key).matrix()
         e, *blocks = grasp_pose_residual(kind, joint, q, grasp, T_world_gripper, pitch)
         e = e / sigmas
         if not want_jacobians:
@@ -221,7 +219,7 @@ def grasp_pose_factor(
         edges = [0, 6, *range(12, d + 1)]
         return rows, [A[:, a:b] for a, b in pairwise(edges)]
 
-    dims = {joint_key: 6, grasp_key: 6, **dict.fromkeys([*keys, *pitch_keys], 1)}
+    dims = {joint_key: 6, grasp_key: 6, **dict.fromkeys(others, 1)}
     noise = gtsam.noiseModel.Isotropic.Sigma(d + 1, math.sqrt(count_as_one))
     return make_factor(residual, dims, noise)
 
@@ -249,10 +247,7 @@ def _twice_cost(e: Array, dof: float) -> float:
     return float(twice_negative_log_kernel((e * e).sum(axis=1), dof, 6).sum())
 
 
-def _check(kind: str, pitch_key: int | None, frames: int, T_world_gripper: Array) -> None:
-    unit_twist(kind)
-    if (kind == "helical") != (pitch_key is not None):
-        raise ValueError(f"pitch key {pitch_key} for a {kind} joint: helical joints have one")
+def _check(frames: int, T_world_gripper: Array) -> None:
     if T_world_gripper.shape != (frames, 4, 4):
         raise ValueError(f"gripper poses {T_world_gripper.shape}, expected {(frames, 4, 4)}")
     R = T_world_gripper[:, :3, :3]

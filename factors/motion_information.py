@@ -25,6 +25,7 @@ from factors.packed import UNPACK, inverse_and_determinant, rotated, times
 from factors.point_track import (
     TrackObservations,
     best_reference,
+    first_reference,
     twist_jacobian,
     weighted_twist_products,
 )
@@ -115,7 +116,7 @@ def _taken_back(
     z = R_world.transpose(0, 2, 1) @ (tracks.p_world - t_world[:, :, None])
     information = rotated(tracks.information_world, R_world) / scale**2
     if x_start is None:
-        x_start = np.nanmedian(np.where(tracks.observed[:, None, :], z, np.nan), axis=0)
+        x_start = first_reference(z, tracks.observed)
     x, W, d2 = best_reference(z, information, x_start, dof)
     return z, x, W, d2
 

@@ -140,7 +140,7 @@ def track_cost(
     z = reference_coordinates(kind, T_world_joint, q, tracks.p_world, pitch)
     rotations, _ = joint_displacement(kind, q)
     information = rotated(tracks.information_world, T_world_joint[:3, :3] @ rotations) / scale**2
-    x = _first_reference(z, tracks.observed) if x_start is None else x_start
+    x = first_reference(z, tracks.observed) if x_start is None else x_start
     x, weighted, d2 = best_reference(z, information, x, dof)
     return TrackCost(
         twice_cost=float(twice_negative_log_kernel(d2, dof, 3).sum()),
@@ -152,7 +152,7 @@ def track_cost(
     )
 
 
-def _first_reference(z: Array, observed: NDArray[np.bool_]) -> Array:
+def first_reference(z: Array, observed: NDArray[np.bool_]) -> Array:
     """Median over the frames of each point's reference coordinates, (3, N)."""
     if observed.all():
         return np.median(z, axis=0)
@@ -168,7 +168,7 @@ def rough_track_cost(kind: str, T_world_joint: Array, q: Array, tracks: TrackObs
     z = reference_coordinates(kind, T_world_joint, q, tracks.p_world)
     rotations, _ = joint_displacement(kind, q)
     information = rotated(tracks.information_world, T_world_joint[:3, :3] @ rotations)
-    e = z - _first_reference(z, tracks.observed)
+    e = z - first_reference(z, tracks.observed)
     return (e * times(information, e)).sum(axis=1)[tracks.observed]
 
 

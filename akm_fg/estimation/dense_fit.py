@@ -19,14 +19,13 @@ from numpy.typing import NDArray
 from akm_fg.estimation.config import DenseConfig
 from akm_fg.estimation.initial_guess import JointGuess
 from akm_fg.estimation.motion_fit import fit_to_motions
-from akm_fg.estimation.observations import DenseObservations, Scales
+from akm_fg.estimation.observations import DenseObservations, Scales, dense_scale_factor
 from akm_fg.estimation.problem import FitProblem
 from akm_fg.records import BoolArray, FloatArray
 from factors.dense_registration import DenseCost, PatchObservations, dense_cost, dense_information
 from factors.joint_motion import part_motion
 from factors.motion_information import MotionInformation, motion_information
 from factors.point_track import TrackObservations
-from factors.student_t import weight
 
 
 class AssociatedPatches(Protocol):
@@ -128,7 +127,7 @@ def register(
             return None
         scales, cost = _dense_scale(seen.patches, R[at], t[at], scales, problem)
         together = max(readings_as_one(cost, seen.patches, seen.uv) / as_one, 1e-3)
-        dense = DenseObservations(seen.patches, at, together, seen.uv)
+        dense = DenseObservations(seen.patches, at, together)
         problem = _about_surface(problem, cost)
         motions = _motions(problem, R, t, dense, cost, scales)
         guess = fit_to_motions(guess, motions, problem.centroid_world, problem.config.prior).guess
@@ -192,16 +191,13 @@ def _dense_scale(
     problem: FitProblem,
 ) -> tuple[Scales, DenseCost]:
     """The patches' noise scale by expectation maximisation at fixed motions, and their cost."""
-    dof, seen = problem.config.dof, patches.seen
-    freedom = max(1 - float(seen.any(axis=0).sum() / seen.sum()), 0.05)
-    scale = scales.dense
+    dof, scale = problem.config.dof, scales.dense
     cost = dense_cost(R, t, patches, dof, scale)
     for _ in range(problem.config.scale_iterations):
-        d2 = cost.d2[seen]
-        factor = math.sqrt(float((weight(d2, dof, 1) * d2).mean()) / freedom)
-        scale *= max(factor, 1e-2)
+        factor = dense_scale_factor(cost, patches, dof)
+        scale *= factor
         cost = dense_cost(R, t, patches, dof, scale)
-        if abs(math.log(max(factor, 1e-2))) < problem.config.scale_tolerance:
+        if abs(math.log(factor)) < problem.config.scale_tolerance:
             break
     return replace(scales, dense=scale), cost
 

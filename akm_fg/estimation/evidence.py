@@ -10,7 +10,7 @@ from scipy import stats
 
 from akm_fg.estimation.config import PriorConfig
 from akm_fg.estimation.laplace import KindFit
-from akm_fg.estimation.observations import Observations
+from akm_fg.estimation.observations import Observations, dense_freedom
 from akm_fg.estimation.problem import FitProblem
 from akm_fg.estimation.rigid_motion import MIN_POINTS
 from akm_fg.records import FloatArray
@@ -96,9 +96,8 @@ def systematic_points(fit: KindFit, problem: FitProblem) -> float:
         return 0.0
     variance = _noise_variance(fit, problem.observations)
     variance *= min(1.0, problem.config.sound_noise_scale / fit.scales.track) ** 2
-    variance = max(variance, 1e-12)
-    modes = problem.config.systematic_modes
-    return float(observed.sum() * problem.systematic_m**2 / (modes * variance))
+    systematic_m = problem.systematic_m
+    return _beyond_averaging(int(observed.sum()), max(variance, 1e-12), systematic_m, problem)
 
 
 def _noise_variance(fit: KindFit, observations: Observations) -> float:
@@ -129,8 +128,14 @@ def systematic_readings(fit: KindFit, problem: FitProblem) -> float:
         return 0.0
     precision = dense.patches.precision[dense.patches.seen]
     variance = fit.scales.dense**2 / float(np.median(precision))
-    modes = problem.config.systematic_modes
-    return float(precision.size * problem.config.surface_systematic_m**2 / (modes * variance))
+    return _beyond_averaging(precision.size, variance, problem.config.surface_systematic_m, problem)
+
+
+def _beyond_averaging(
+    count: int, variance: float, systematic_m: float, problem: FitProblem
+) -> float:
+    """Systematic variance over that of the mean of `count` observations of a variance (m^2)."""
+    return count * systematic_m**2 / (problem.config.systematic_modes * variance)
 
 
 def temper(fit: KindFit, tau: float, problem: FitProblem) -> KindFit:
@@ -149,7 +154,7 @@ def temper(fit: KindFit, tau: float, problem: FitProblem) -> KindFit:
     dense = problem.observations.dense
     others: list[tuple[float, FloatArray]] = []
     if dense is not None and fit.dense_cost is not None:
-        d2 = fit.dense_cost.d2[dense.patches.seen] / dense.freedom()
+        d2 = fit.dense_cost.d2[dense.patches.seen] / dense_freedom(dense.patches)
         of_dense = covariance_factor(d2, problem.config.dof, 1)
         of_dense *= tau + systematic_readings(fit, problem) / dense.count_as_one
         others.append((of_dense, fit.dense_information))

@@ -173,8 +173,7 @@ def fit_surface(
     with one_blas_thread():
         problem = problem_of_surface(name, tracks, guess, centroid_world, config)
         problem = replace(problem, systematic_m=systematic_m).knowing(knowledge)
-        start = JointGuess(guess.kind, guess.T_world_joint, problem.guesses[0].q, guess.pitch)
-        registration = register(problem, start, problem.start, surface, 1.0)
+        registration = register(problem, problem.guesses[0], problem.start, surface, 1.0)
         if registration is None:
             raise TracksLost(
                 f"{name}: the part's surface is not seen again in two keyframes; "
@@ -187,7 +186,9 @@ def fit_surface(
             likeliest = max(fits, key=lambda fit: fit.log_likelihood)
             tau, _ = correlation_frames(likeliest, problem.observations)
             correlation = tau, correlated_points(likeliest, problem.observations)
-            problem = problem.counting(correlation[0] * correlation[1])
+        as_one = correlation[0] * correlation[1]
+        if as_one > 1.0:  # otherwise the tracks weighed rightly beside the surface already
+            problem = problem.counting(as_one)
             fits, warnings = to_end(_fit_kinds(problem, graph_problem(problem)))
         return _posterior(fits, problem, correlation, warnings, began).posterior
 

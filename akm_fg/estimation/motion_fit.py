@@ -22,6 +22,7 @@ from akm_fg.estimation.initial_guess import MAX_RADIUS_M, JointGuess, joint_fram
 from akm_fg.records import FloatArray
 from factors.joint_motion import cross, motion_jacobians, part_motion, skew
 from factors.motion_information import MotionInformation
+from factors.pitch_prior import pitch_prior_residual
 
 _ITERATIONS = 25
 _TOLERANCE = 0.02  # nats gained by a step that is the last
@@ -82,7 +83,7 @@ def evaluate(
     if guess.kind != "prismatic":
         cost += (math.log(rho / prior.hinge_distance_m) / prior.hinge_distance_sigma_log) ** 2
     if guess.kind == "helical":
-        cost += (guess.pitch / prior.pitch_sigma_m_per_rad) ** 2
+        cost += pitch_prior_residual(guess.pitch, prior.pitch_sigma_m_per_rad)[0] ** 2
     return MotionFit(guess, d, rho, cost)
 
 
@@ -162,9 +163,9 @@ def _normal_equations(
         H[2, 2] += precision
         g[2] += precision * math.log(rho / prior.hinge_distance_m)
     if guess.kind == "helical":
-        precision = prior.pitch_sigma_m_per_rad**-2
-        H[-1, -1] += precision
-        g[-1] += precision * guess.pitch
+        e, slope = pitch_prior_residual(guess.pitch, prior.pitch_sigma_m_per_rad)
+        H[-1, -1] += slope**2
+        g[-1] += slope * e
     return H, g
 
 

@@ -30,12 +30,6 @@ class DenseObservations:
     patches: PatchObservations  # K keyframes
     frames: NDArray[np.int_]  # (K,) indices into the graph's frames
     count_as_one: float  # neighbouring readings that err together, over those of the tracks
-    patch_uv: FloatArray  # (K, S, 2) pixels at which the patches were read; NaN where not seen
-
-    def freedom(self) -> float:
-        """Share of the readings left after the latent places."""
-        seen = self.patches.seen
-        return max(1 - float(seen.any(axis=0).sum() / max(seen.sum(), 1)), 0.05)
 
 
 @dataclass(frozen=True, slots=True)
@@ -146,11 +140,28 @@ def updated_scales(
         orientation *= math.sqrt(power)
     dense = scales.dense
     if dense_cost is not None and observations.dense is not None:
-        d2 = dense_cost.d2[observations.dense.patches.seen]
-        power = float((weight(d2, config.dof, 1) * d2).sum())
-        dense *= math.sqrt(max(power / (d2.size * observations.dense.freedom()), 1e-4))
+        dense *= dense_scale_factor(dense_cost, observations.dense.patches, config.dof)
     track = math.sqrt(max(track2 + observations.min_scale**2, 1e-12))
     return Scales(track, max(orientation, 1e-5), dense)
+
+
+def dense_freedom(patches: PatchObservations) -> float:
+    """Share of the readings left after the latent places."""
+    seen = patches.seen
+    return max(1 - float(seen.any(axis=0).sum() / max(seen.sum(), 1)), 0.05)
+
+
+def dense_scale_factor(cost: DenseCost, patches: PatchObservations, dof: float) -> float:
+    """One step of expectation maximisation: what the patches' noise scale is to be multiplied by.
+
+    Args:
+        cost: of the patches, whitened with the present scale.
+        patches: the observations.
+        dof: degrees of freedom of the Student-t noise.
+    """
+    d2 = cost.d2[patches.seen]
+    power = float((weight(d2, dof, 1) * d2).mean())
+    return math.sqrt(max(power / dense_freedom(patches), 1e-4))
 
 
 def log_likelihood(

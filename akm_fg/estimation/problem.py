@@ -147,10 +147,7 @@ def problem_of_tracks(
 
 def _with_motions(problem: FitProblem, motion: RigidMotion) -> FitProblem:
     """The problem with its free motions from the first keyframe, at the noise level they show."""
-    R, t = motion.R_world[problem.keyframes], motion.t_world[problem.keyframes]
-    R_first_t = R[0].T
-    R = R @ R_first_t
-    t = t - np.einsum("tij,j->ti", R, t[0])
+    R, t = (each[problem.keyframes] for each in motion.from_frame(int(problem.keyframes[0])))
     observations, config, scales = problem.observations, problem.config, problem.start
     x = None
     for _ in range(_FREE_SCALE_ITERATIONS):

@@ -38,7 +38,7 @@ def fit_rigid(problem: GraphProblem) -> KindFit:
         scales = replace(scales, track=max(track, scales.track))
     for _ in range(config.scale_iterations):
         cost = track_cost("prismatic", still, q, observations.tracks, config.dof, scales.track, x)
-        dense = patches_cost(JointGuess("prismatic", still, q), problem, scales)
+        dense = patches_cost(still_guess, problem, scales)
         new = updated_scales(cost.d2, errors, 0, scales, observations, config, dense)
         change, scales, x = scales.change(new), new, cost.x_joint
         if change < config.rough_scale_tolerance:  # far off or not: a nat does not matter here

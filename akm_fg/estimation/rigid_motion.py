@@ -39,6 +39,11 @@ class RigidMotion:
     inlier: BoolArray  # (N,) tracks that move with the part
     scale: float  # noise of the inliers, in units of their given covariances
 
+    def from_frame(self, first: int) -> tuple[FloatArray, FloatArray]:
+        """Rotations (T, 3, 3) and translations (T, 3) from a frame instead of the reference."""
+        R = self.R_world @ self.R_world[first].T
+        return R, self.t_world - np.einsum("tij,j->ti", R, self.t_world[first])
+
 
 def procrustes(a: FloatArray, b: FloatArray, w: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Rotations (..., 3, 3) and translations (..., 3) that take a to b, weights w (..., N).

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import cv2
 import numpy as np
 
 from akm_fg.perception.depth_change import DepthChange, surface_points
-from akm_fg.perception.depth_planes import DepthPlanes, DepthPlanesConfig, depth_planes
-from akm_fg.perception.part_cloud import PartCloud, sample_cloud
+from akm_fg.perception.depth_planes import DepthPlanesConfig, depth_planes
+from akm_fg.perception.part_cloud import sample_cloud
 from akm_fg.perception.patches import DenseViews, PatchConfig
 from akm_fg.records import BoolArray, FloatArray
 
@@ -44,7 +44,8 @@ class ChangedSurface:
                 self.change.recording.frames[t], self.change.noise, around, self.planes
             )
             fitted.append(planes)
-            clouds.append(_cloud(planes, self.change.mask(t), t, rng))
+            on_part = replace(planes, valid=planes.valid & self.change.mask(t))
+            clouds.append(sample_cloud(on_part, t, rng, stride_px=2))
         return DenseViews(numbers, tuple(fitted), tuple(clouds), self.patches)
 
     def middle(self, R_world: FloatArray, t_world: FloatArray, known: BoolArray) -> FloatArray:
@@ -55,22 +56,7 @@ class ChangedSurface:
 
     def _around(self) -> BoolArray:
         """(H, W) the changed pixels of all frames and their surroundings."""
-        any_change = self.change.nearer.any(axis=0) | self.change.farther.any(axis=0)
-        large = np.repeat(np.repeat(any_change, self.change.stride, 0), self.change.stride, 1)
-        shape = self.change.recording.frames[0].depth_m.shape
+        any_change = np.asarray((self.change.nearer | self.change.farther).any(axis=0))
         side = 2 * _MARGIN_PX + 1
-        mask = large[: shape[0], : shape[1]].astype(np.uint8)
+        mask = self.change.full_size(any_change).astype(np.uint8)
         return np.asarray(cv2.dilate(mask, np.ones((side, side), np.uint8)) > 0)
-
-
-def _cloud(planes: DepthPlanes, mask: BoolArray, frame: int, rng: np.random.Generator) -> PartCloud:
-    on_part = DepthPlanes(
-        planes.inverse_depth,
-        planes.slope_u,
-        planes.slope_v,
-        planes.valid & mask,
-        planes.camera,
-        planes.T_world_cam,
-        planes.noise,
-    )
-    return sample_cloud(on_part, frame, rng, stride_px=2)

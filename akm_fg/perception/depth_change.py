@@ -19,6 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from akm_fg.perception.depth_noise import DepthNoiseModel
+from akm_fg.perception.thinning import repeated
 from akm_fg.records import BoolArray, FloatArray, PinholeCamera, Recording, RgbdFrame
 
 _KERNEL = np.ones((3, 3), np.uint8)
@@ -58,9 +59,11 @@ class DepthChange:
 
     def mask(self, frame: int) -> BoolArray:
         """(H, W) nearer pixels of a frame at full size."""
-        full = self.recording.frames[frame].depth_m.shape
-        large = np.repeat(np.repeat(self.nearer[frame], self.stride, 0), self.stride, 1)
-        return np.asarray(large[: full[0], : full[1]])
+        return self.full_size(self.nearer[frame])
+
+    def full_size(self, image: BoolArray) -> BoolArray:
+        """(H, W) of an image (h, w) of the pixels that are compared."""
+        return repeated(image, self.stride, self.recording.frames[0].depth_m.shape)
 
 
 def depth_change(

@@ -6,10 +6,10 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from akm_fg.perception.depth_edges import near_depth_edge
 from akm_fg.perception.depth_planes import Image
+from akm_fg.perception.thinning import repeated
 from akm_fg.records import BoolArray
 
 _STEPS = ((0, 1), (1, 0), (1, 1), (1, -1))  # to half of the eight neighbours; the others mirror
@@ -88,18 +88,14 @@ def refine(
         config: tuning.
     """
     label = np.where(first, np.uint8(2), np.where(second, np.uint8(0), np.uint8(1)))
-    fine = _repeated(label, stride, z.shape)
-    z_of = _repeated(z[::stride, ::stride], stride, z.shape)
+    fine = repeated(label, stride, z.shape)
+    z_of = repeated(z[::stride, ::stride], stride, z.shape)
     limit = np.float32(config.max_slope * stride / fx) * z + np.float32(config.surface_step_m)
     sound = np.abs(z - z_of) < limit  # NaN compares False
     sound &= ~near_depth_edge(z, config.edge_step_m, config.edge_px, reach_px=1)
     around = np.ones((2 * config.edge_px + 1,) * 2, np.uint8)
     low, high = cv2.erode(fine, around), cv2.dilate(fine, around)
     return (fine == 2) & (low > 0) & sound, (fine == 0) & (high < 2) & sound
-
-
-def _repeated(image: NDArray, stride: int, shape: tuple[int, ...]) -> NDArray:
-    return image.repeat(stride, axis=0).repeat(stride, axis=1)[: shape[0], : shape[1]]
 
 
 def without_islands(mask: BoolArray, min_pixels: int) -> BoolArray:

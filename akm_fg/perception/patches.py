@@ -28,8 +28,6 @@ class PatchConfig:
     cell_m: float = 0.006  # of space with one patch: about three pixels at arm's length
     max_patches: int = 4000
     max_normal_angle_rad: float = 0.35  # between a patch and the plane seen; normals are +-3 deg
-    gate_m: float = 0.03  # off the predicted surface, in the first association
-    gate_sigmas: float = 6.0  # in the last one, of a single reading's noise
     min_views: int = 2  # keyframes a patch must be seen in
 
 
