@@ -20,20 +20,25 @@ def fit(seed):
     surface = PanelCamera(opening, seed) if seed % 10 == 0 else None
     assert fit_tracks(opening.tracks, surface=surface).kind == kind
 
-for seed in range(20):
-    fit(seed)
-gc.collect()
-before = resident_kb()
-for seed in range(20, 70):
-    fit(seed)
-gc.collect()
-print(resident_kb() - before)
+def grown_kb(seeds):
+    before = resident_kb()
+    for seed in seeds:
+        fit(seed)
+    gc.collect()
+    return resident_kb() - before
+
+grown_kb(range(20))
+print(min(grown_kb(range(first, first + 25)) for first in (20, 45, 70)))
 """
 
 
-def test_fifty_fits_built_and_dropped_leave_memory_flat_and_end_cleanly():
+def test_fits_built_and_dropped_leave_memory_flat_and_end_cleanly():
+    """The least growth of three batches: the allocator may take a new arena once, a leak is in all.
+
+    One leaked fit of this size keeps 300 kB.
+    """
     done = subprocess.run(
         [sys.executable, "-c", PROGRAM], capture_output=True, text=True, timeout=300, check=False
     )
     assert done.returncode == 0, done.stderr[-500:]
-    assert int(done.stdout) < 8_000  # kB: one leaked fit of this size would keep 300 kB
+    assert int(done.stdout) < 25 * 100  # kB
