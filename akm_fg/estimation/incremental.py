@@ -12,7 +12,7 @@ from __future__ import annotations
 import numpy as np
 
 from akm_fg.errors import InsufficientData, TracksLost
-from akm_fg.estimation.fit import joint_posterior, one_blas_thread
+from akm_fg.estimation.fit import one_blas_thread
 from akm_fg.estimation.keyframes import Keyframes, StreamFrame
 from akm_fg.estimation.kind_comparison import (
     Comparison,
@@ -26,6 +26,7 @@ from akm_fg.estimation.rigid_motion import MIN_POINTS
 from akm_fg.estimation.steps import Steps, to_end
 from akm_fg.estimation.stream_records import FrameUpdate, IncrementalConfig
 from akm_fg.estimation.stream_tracks import StreamTracks
+from akm_fg.estimation.weighed_kinds import joint_posterior
 from akm_fg.records import BoolArray, FloatArray, PointTracks
 
 __all__ = ["FrameUpdate", "IncrementalConfig", "IncrementalFit"]

@@ -9,13 +9,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from akm_fg.errors import TracksLost
+from akm_fg.estimation.all_kinds import fit_in_steps
 from akm_fg.estimation.config import FitConfig
-from akm_fg.estimation.fit import FittedKinds, fit_in_steps
 from akm_fg.estimation.laplace import KindFit
 from akm_fg.estimation.posterior import ArticulationPosterior, KindPosterior
 from akm_fg.estimation.problem import problem_of_tracks
 from akm_fg.estimation.rigid_motion import MIN_POINTS
 from akm_fg.estimation.steps import Steps
+from akm_fg.estimation.weighed_kinds import FittedKinds
 from akm_fg.records import FloatArray, PointTracks
 from factors.point_track import TrackObservations, state_step
 

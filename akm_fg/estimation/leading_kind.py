@@ -7,8 +7,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from akm_fg.estimation.all_kinds import graph_problem
 from akm_fg.estimation.evidence import temper
-from akm_fg.estimation.fit import graph_problem, pointing_forward
 from akm_fg.estimation.initial_guess import JointGuess
 from akm_fg.estimation.joint_graph import GraphProblem
 from akm_fg.estimation.keyframes import Keyframes, StreamFrame
@@ -18,6 +18,7 @@ from akm_fg.estimation.laplace import KindFit
 from akm_fg.estimation.problem import FitProblem
 from akm_fg.estimation.rigid_motion import MIN_POINTS
 from akm_fg.estimation.states import model_variance, solved_states, state_sd_beside
+from akm_fg.estimation.weighed_kinds import pointing_forward
 from akm_fg.records import FloatArray
 from factors.joint_motion import part_motion
 from factors.point_track import TrackObservations

@@ -10,7 +10,8 @@ import numpy as np
 from akm_fg.estimation.grasp_fit import rigid_grasp_fit
 from akm_fg.estimation.initial_guess import JointGuess
 from akm_fg.estimation.joint_graph import GraphProblem
-from akm_fg.estimation.kind_fit import guess_cost, log_latents, patches_cost
+from akm_fg.estimation.kind_fit import guess_cost, patches_cost
+from akm_fg.estimation.kind_laplace import log_latents
 from akm_fg.estimation.laplace import KindFit
 from akm_fg.estimation.observations import (
     CHI2_MEDIAN,

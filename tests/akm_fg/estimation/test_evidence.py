@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
+from akm_fg.estimation.all_kinds import graph_problem
 from akm_fg.estimation.config import FitConfig
 from akm_fg.estimation.dense_fit import register
 from akm_fg.estimation.evidence import (
@@ -17,7 +18,7 @@ from akm_fg.estimation.evidence import (
     nested_screw,
     temper,
 )
-from akm_fg.estimation.fit import fit_tracks, graph_problem
+from akm_fg.estimation.fit import fit_tracks
 from akm_fg.estimation.initial_guess import JointGuess
 from akm_fg.estimation.kind_fit import fit_kind
 from akm_fg.estimation.laplace import inverted

@@ -8,8 +8,9 @@ import pytest
 from numpy.testing import assert_allclose
 from scipy import stats
 
+from akm_fg.estimation.all_kinds import graph_problem
 from akm_fg.estimation.config import FitConfig
-from akm_fg.estimation.fit import fit_tracks, graph_problem
+from akm_fg.estimation.fit import fit_tracks
 from akm_fg.estimation.kind_fit import fit_kind
 from akm_fg.estimation.problem import problem_of_tracks
 from akm_fg.estimation.starts import starts_of_part

@@ -20,7 +20,7 @@ from akm_fg.estimation.grasp_fit import (
     rigid_grasp_fit,
 )
 from akm_fg.estimation.initial_guess import JointGuess, turned
-from akm_fg.estimation.kind_fit import _integrated_states
+from akm_fg.estimation.kind_laplace import _integrated_states
 from akm_fg.estimation.knowledge import (
     GripperPoses,
     Knowledge,

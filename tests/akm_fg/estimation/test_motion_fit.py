@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
+from akm_fg.estimation.all_kinds import graph_problem
 from akm_fg.estimation.config import FitConfig, PriorConfig
-from akm_fg.estimation.fit import graph_problem
 from akm_fg.estimation.initial_guess import JointGuess, joint_frame
 from akm_fg.estimation.kind_fit import fit_kind
 from akm_fg.estimation.motion_fit import bent_drawer, evaluate, fit_to_motions, log_se3
