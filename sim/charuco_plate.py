@@ -1,0 +1,81 @@
+"""A ChArUco board printed on a stiff plate, as a body of the simulated world.
+
+Board frame, as in OpenCV: origin in the upper left corner of the printed pattern, x right, y
+down, z into the plate.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from akm_fg.records import FloatArray
+
+
+@dataclass(frozen=True, slots=True)
+class PlateSpec:
+    """The printed pattern and the plate it is on."""
+
+    squares_x: int = 7
+    squares_y: int = 5
+    square_m: float = 0.04
+    marker_m: float = 0.03
+    dictionary: str = "DICT_4X4_50"  # six cells a side: readable at 13 pixels
+    margin_m: float = 0.008  # white rim; also what the fingers clamp
+    thickness_m: float = 0.004
+    texel_m: float = 2.5e-4  # finer than a supersampled pixel at the least distance
+
+    @property
+    def size_m(self) -> FloatArray:
+        """(2,) width and height of the printed pattern."""
+        return self.square_m * np.array([self.squares_x, self.squares_y])
+
+
+def write_plate(spec: PlateSpec, folder: Path) -> Path:
+    """Writes `plate.urdf` with mesh and texture; the link's frame is the board frame."""
+    cv2.imwrite(str(folder / "plate.png"), _pattern(spec))
+    width, height = spec.size_m
+    m = spec.margin_m
+    x, y, z = np.array([-m, width + m]), np.array([-m, height + m]), [0.0, spec.thickness_m]
+    lines = ["mtllib plate.mtl", "usemtl surface"]
+    corners = [(a, b, c) for c in z for b in y for a in x]
+    lines += [f"v {a:.6f} {b:.6f} {c:.6f}" for a, b, c in corners]
+    lines += ["vt 0 1", "vt 1 1", "vt 0 0", "vt 1 0", "vt 0.001 0.001"]  # the last one is white
+    lines += ["vn 0 0 -1", "vn 0 0 1", "vn 0 -1 0", "vn 0 1 0", "vn -1 0 0", "vn 1 0 0"]
+    lines += ["f 1/1/1 4/4/1 2/2/1", "f 1/1/1 3/3/1 4/4/1"]
+    quads = ((5, 6, 8, 7), (1, 2, 6, 5), (3, 7, 8, 4), (1, 5, 7, 3), (2, 4, 8, 6))
+    for normal, (a, b, c, d) in enumerate(quads, 2):
+        for ring in ((a, b, c), (a, c, d)):
+            lines.append("f " + " ".join(f"{k}/5/{normal}" for k in ring))
+    (folder / "plate.obj").write_text("\n".join(lines) + "\n", encoding="utf-8")
+    (folder / "plate.mtl").write_text(
+        "newmtl surface\nKa 1 1 1\nKd 1 1 1\nKs 0 0 0\nmap_Kd plate.png\n", encoding="utf-8"
+    )
+    centre = f"{width / 2:.6f} {height / 2:.6f} {spec.thickness_m / 2:.6f}"
+    size = f"{x[1] - x[0]:.6f} {y[1] - y[0]:.6f} {spec.thickness_m:.6f}"
+    urdf = folder / "plate.urdf"
+    urdf.write_text(
+        '<robot name="plate"><link name="plate">\n<inertial><mass value="0.1"/>'
+        '<inertia ixx="1e-3" iyy="1e-3" izz="1e-3" ixy="0" ixz="0" iyz="0"/></inertial>\n'
+        '<visual><geometry><mesh filename="plate.obj"/></geometry></visual>\n'
+        f'<collision><origin xyz="{centre}" rpy="0 0 0"/>\n'
+        f'<geometry><box size="{size}"/></geometry></collision>\n</link></robot>\n',
+        encoding="utf-8",
+    )
+    return urdf
+
+
+def _pattern(spec: PlateSpec) -> NDArray[np.uint8]:
+    """The face of the plate, rim included."""
+    dictionary = cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, spec.dictionary))
+    board = cv2.aruco.CharucoBoard(
+        (spec.squares_x, spec.squares_y), spec.square_m, spec.marker_m, dictionary
+    )
+    width, height = np.rint(spec.size_m / spec.texel_m).astype(int)
+    rim = round(spec.margin_m / spec.texel_m)
+    image = board.generateImage((int(width), int(height)), marginSize=0, borderBits=1)
+    return np.asarray(cv2.copyMakeBorder(image, rim, rim, rim, rim, cv2.BORDER_CONSTANT, value=255))
