@@ -66,8 +66,7 @@ def open_world(
         T_world_cam = camera_pose(world, view or ViewConfig())
         camera = SimCamera(world, T_world_cam, seed, config)
         grasp = world.placement.T_world_grasp
-        front = world.placement.T_world_object * world.built.T_object_handle
-        outwards = -front.rotation().matrix()[:, 2]
+        outwards = -world.placement.T_world_object.rotation().matrix()[:, 1]  # y is into it
         try:
             yield SimEpisode(world, arm, camera, grasp, outwards)
         finally:

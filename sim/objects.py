@@ -20,6 +20,7 @@ from scene_synthesizer.procedural_assets import CabinetAsset
 
 from akm_fg.records import FloatArray
 from sim.bullet import quiet
+from sim.mechanisms import Catch, Closer
 from sim.meshes import Box
 from sim.textures import FRONT_TEXTURES, Rgb, brushed_metal, rotated
 from sim.urdf_files import write_urdf
@@ -47,6 +48,8 @@ class ObjectSpec:
     upper: float  # end of the range, m or rad
     handle_mu: float  # sliding friction of the handle against rubber with mu 1
     front_texture: str
+    catch: Catch | None = None  # holds it closed
+    closer: Closer | None = None  # pulls it shut
 
 
 class PartSpec(Protocol):
@@ -88,6 +91,14 @@ class PartSpec(Protocol):
     def handle_mu(self) -> float:
         """Sliding friction of the handle against rubber with mu 1."""
 
+    @property
+    def catch(self) -> Catch | None:
+        """Holds the part closed."""
+
+    @property
+    def closer(self) -> Closer | None:
+        """Pulls the part shut."""
+
 
 @dataclass(frozen=True, slots=True)
 class BuiltObject:
@@ -97,7 +108,7 @@ class BuiltObject:
     urdf: Path
     axis_object: FloatArray  # (3,) unit; the part opens along it (right-hand rule)
     pivot_object: FloatArray  # (3,) a point of the joint axis
-    T_object_handle: gtsam.Pose3  # closed; z into the cabinet, x along the bar
+    T_object_handle: gtsam.Pose3  # closed; z the way the fingers approach, x along the bar
     p_object_front: FloatArray  # (3,) middle of the closed front
     handle_thickness_m: float  # between the fingers
     view_side: float  # +1 or -1: from where, along x, the opened front is seen best; 0: from both

@@ -15,6 +15,7 @@ import numpy as np
 from akm_fg.records import JointTruth
 from sim.bullet import joint_index, load_urdf, p, quaternion_xyzw, quiet
 from sim.kinematics import N_ARM, Q_HOME, FrankaKinematics
+from sim.mechanisms import resistance
 from sim.meshes import Box, write_textured_boxes
 from sim.objects import PartSpec
 from sim.robot_meshes import light_panda_urdf
@@ -100,6 +101,8 @@ class SimWorld:
         """One physics step."""
         if self.built.lift_n > 0.0:
             self._balance()
+        if self.spec.catch or self.spec.closer:
+            self._hold_back()
         p.stepSimulation(physicsClientId=self.client)
         self._steps += 1
 
@@ -112,6 +115,17 @@ class SimWorld:
             [0.0, 0.0, self.built.lift_n],
             state[0],
             p.WORLD_FRAME,
+            physicsClientId=self.client,
+        )
+
+    def _hold_back(self) -> None:
+        """Catch and closer act along the joint, on top of the friction motor."""
+        torque = -resistance(self.part_state(), self.spec.catch, self.spec.closer)
+        p.setJointMotorControl2(
+            self.object_id,
+            self.part_joint,
+            p.TORQUE_CONTROL,
+            force=torque,
             physicsClientId=self.client,
         )
 

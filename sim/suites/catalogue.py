@@ -7,13 +7,15 @@ at while building uses `furniture-dev`, whose seeds and sizes are others.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from akm_fg.errors import InputError
 from sim.suites.furniture_spec import (
+    HANDLELESS_FAMILIES,
+    HANDLELESS_SHARE,
     PLAIN_SHARE,
     Family,
     FurnitureSpec,
@@ -45,26 +47,29 @@ DOORS: tuple[tuple[Family, Hinge], ...] = (
 
 @dataclass(frozen=True, slots=True)
 class Suite:
-    """A set of objects with names, loaded by name and seed."""
+    """A set of pieces of furniture with names, loaded by name and seed."""
 
     name: str
     split: str  # what it may be used for
     seed: int  # of the whole suite
     n_drawers: int
+    n_slides: int  # sliding doors; they are numbered after the drawers where looks are drawn
     n_doors: int
     ranges: SizeRanges
 
     def __len__(self) -> int:
-        return self.n_drawers + self.n_doors
+        return self.n_drawers + self.n_slides + self.n_doors
 
     def __iter__(self) -> Iterator[FurnitureSpec]:
         """Every object as met with seed 0, drawers first."""
         return (self.load(name) for name in self.names())
 
     def names(self) -> tuple[str, ...]:
-        """drawer-001, ..., door-001, ..."""
-        kinds = (("drawer", self.n_drawers), ("door", self.n_doors))
-        return tuple(f"{kind}-{i + 1:03d}" for kind, n in kinds for i in range(n))
+        """drawer-001, ..., slide-001, ..., door-001, ..."""
+        return tuple(f"{kind}-{i + 1:03d}" for kind, n in self._counts() for i in range(n))
+
+    def _counts(self) -> tuple[tuple[str, int], ...]:
+        return (("drawer", self.n_drawers), ("slide", self.n_slides), ("door", self.n_doors))
 
     def load(self, name: str, seed: int = 0) -> FurnitureSpec:
         """One object as met with `seed`, which varies scale, pose and camera noise.
@@ -73,28 +78,47 @@ class Suite:
             InputError: no such object.
         """
         if name not in self.names():
-            known = (
-                f"drawer-001 to drawer-{self.n_drawers:03d} or door-001 to door-{self.n_doors:03d}"
-            )
+            known = ", ".join(f"{kind}-001 to {kind}-{n:03d}" for kind, n in self._counts())
             raise InputError(f"{self.name}/{name}", "no such object", known)
         kind, number = name.rsplit("-", 1)
-        door, i = kind == "door", int(number) - 1
-        family, hinge = DOORS[i % len(DOORS)] if door else (DRAWERS[i % len(DRAWERS)], None)
+        door = kind == "door"
+        i = int(number) - 1 + (self.n_drawers if kind == "slide" else 0)
+        family, hinge = self._family(door, i)
         slot = Slot(
             name=f"{self.name}/{name}",
             key=(self.seed, int(door), i),
             split=self.split,
             family=family,
             hinge=hinge,
-            plain=bool(self._plain(door)[i]),
+            plain=i in self._share(door, PLAIN_SHARE, 10**6, range(self._n(door))),
+            handleless=i in self._share(door, HANDLELESS_SHARE, 10**6 + 1, self._bare(door)),
         )
         return sample_furniture(slot, self.ranges, seed)
 
-    def _plain(self, door: bool) -> np.ndarray:
-        """(n,) which doors or drawers are plain: exactly PLAIN_SHARE of them, at random."""
-        n = self.n_doors if door else self.n_drawers
-        order = np.random.default_rng([self.seed, int(door), 10**6]).permutation(n)
-        return order < round(PLAIN_SHARE * n)
+    def _n(self, door: bool) -> int:
+        return self.n_doors if door else self.n_drawers + self.n_slides
+
+    def _family(self, door: bool, i: int) -> tuple[Family, Hinge | None]:
+        if door:
+            return DOORS[i % len(DOORS)]
+        return ("sliding" if i >= self.n_drawers else DRAWERS[i % len(DRAWERS)]), None
+
+    def _bare(self, door: bool) -> Sequence[int]:
+        """Which doors or drawers could do without a handle."""
+        return [
+            i
+            for i in range(self._n(door))
+            if self._family(door, i)[0] in HANDLELESS_FAMILIES
+            and self._family(door, i)[1] != "top"  # no hand gets under its free edge
+        ]
+
+    def _share(self, door: bool, share: float, stream: int, among: Sequence[int]) -> set[int]:
+        """So large a share of all doors or drawers, drawn at random from some of them."""
+        rng = np.random.default_rng([self.seed, int(door), stream])
+        order = rng.permutation(len(among))
+        return {
+            i for i, rank in zip(among, order, strict=True) if rank < round(share * self._n(door))
+        }
 
 
 SUITES = {
@@ -105,7 +129,8 @@ SUITES = {
             name="furniture-116",
             split="test",
             seed=116,
-            n_drawers=60,
+            n_drawers=56,
+            n_slides=4,
             n_doors=56,
             ranges=SizeRanges(
                 front_width=(0.34, 0.80),
@@ -119,7 +144,8 @@ SUITES = {
             name="furniture-dev",
             split="dev",
             seed=40,
-            n_drawers=20,
+            n_drawers=18,
+            n_slides=2,
             n_doors=20,
             ranges=SizeRanges(
                 front_width=(0.30, 0.70),

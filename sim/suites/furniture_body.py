@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import tempfile
 import xml.etree.ElementTree as ET
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -77,7 +77,31 @@ def make_body(spec: FurnitureSpec) -> Body:
         boxes["part" if name == part else "corpus"] += [box for box in found if box is not None]
     joint = next(j for j in moving if _child(j) == part)
     axis = _numbers(joint.find("axis"), "xyz")
-    return Body(boxes["corpus"], boxes["part"], frames[part], axis / np.linalg.norm(axis))
+    body = Body(boxes["corpus"], boxes["part"], frames[part], axis / np.linalg.norm(axis))
+    return _faced(body, spec) if spec.family == "sliding" else body
+
+
+def _faced(body: Body, spec: FurnitureSpec) -> Body:
+    """The library's cabinet with a sliding door, turned to face -y and put on the floor.
+
+    Its door opens towards its own -x. Half of them are mirrored, so that both ways occur; every
+    box is parallel to the axes and keeps its shape.
+    """
+    everything = body.corpus + body.part
+    centres = np.array([box.T_link_box.translation() for box in everything])
+    halves = np.array([box.size_m for box in everything]) / 2.0
+    low, high = (centres - halves).min(axis=0), (centres + halves).max(axis=0)
+    shift = np.array([(low[0] + high[0]) / 2.0, 0.0, low[2]])
+    x_sign = float(np.random.default_rng([*spec.key, 53]).choice([-1.0, 1.0]))
+    signs = np.array([x_sign, -1.0, 1.0])
+
+    def moved(box: Box) -> Box:
+        T = box.T_link_box
+        p_object = signs * (T.translation() - shift)
+        return replace(box, T_link_box=gtsam.Pose3(T.rotation(), p_object))
+
+    corpus, part = [moved(box) for box in body.corpus], [moved(box) for box in body.part]
+    return Body(corpus, part, body.origin, np.array([-x_sign, 0.0, 0.0]))
 
 
 def _asset(spec: FurnitureSpec, scratch: str) -> Any:
@@ -113,6 +137,10 @@ def _asset(spec: FurnitureSpec, scratch: str) -> Any:
                 storage_height=0.25 * height,
                 oven_height=0.6 * height,
                 control_panel_height=0.15 * height,
+            )
+        case "sliding":
+            return procedural_assets.CNCMachineAsset(
+                **sides, handle_length=0.3, handle_shape_args=None, button_size=0.0
             )
         case _:
             return _cabinet(spec)
@@ -173,5 +201,6 @@ def _material(name: str) -> str:
         return "glass"
     if "heater" in name:
         return "handle"
-    front = "closed" in name or "panel" in name or name.endswith("board_0") or "_door_" in name
+    front = any(word in name for word in ("closed", "panel", "door_front", "cover_front"))
+    front = front or name.endswith("board_0") or "_door_" in name
     return "front" if front or name.endswith("_door") else "carcass"

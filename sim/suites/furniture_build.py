@@ -11,7 +11,7 @@ from sim.objects import BuiltObject
 from sim.suites.finishes import write_textures
 from sim.suites.furniture_body import make_body
 from sim.suites.furniture_spec import FurnitureSpec
-from sim.suites.handles import handle_boxes, handle_pose
+from sim.suites.handles import edge_strip, handle_boxes, handle_pose
 from sim.urdf_files import write_urdf
 
 GRAVITY_M_S2 = 9.81
@@ -23,6 +23,8 @@ def build_furniture(spec: FurnitureSpec, folder: Path) -> BuiltObject:
     lower, upper = body.front()
     T_part_handle = handle_pose(spec, lower, upper)
     part = body.part + handle_boxes(spec.handle, T_part_handle)
+    if spec.handle.style == "edge":
+        part = [*part, edge_strip(spec, lower, upper)]
     write_textures(spec, folder)
     urdf = write_urdf(spec, body.corpus, part, body.origin, body.axis, folder)
     middle = (lower + upper) / 2.0

@@ -32,6 +32,7 @@ class FurniturePlaceConfig:
     plinth_max_m: float = 0.7  # of the object
     yaw_rad: tuple[float, float] = (-0.45, 0.45)  # of the front, from facing the robot
     tilts_rad: tuple[float, ...] = (0.0, 0.35, -0.35)  # of the grasp about the bar
+    edge_tilts_rad: tuple[float, ...] = (0.0, 0.4, -0.4, 0.8, -0.8)  # within a board's plane
     opening_m: float = 0.40  # the benchmark's ranges
     opening_rad: float = np.deg2rad(40.0)
     steps: int = 9  # along the opening
@@ -57,7 +58,7 @@ def place_furniture(
         T_world_object, floor_m, plinth_m = _candidate(built, rng, config)
         if floor_m < -config.pedestal_max_m or plinth_m > config.plinth_max_m:
             continue
-        for T_object_grasp in _grasps(built, config):
+        for T_object_grasp in _grasps(built, spec, config):
             if _can_open(built, T_world_object, T_object_grasp, kinematics, config):
                 T_world_grasp = T_world_object * T_object_grasp
                 return Placement(T_world_object, T_world_grasp, floor_m, plinth_m)
@@ -77,11 +78,19 @@ def _candidate(
     return gtsam.Pose3(R, np.array([x, y, z]) - offset), min(bottom, 0.0), max(bottom, 0.0)
 
 
-def _grasps(built: BuiltObject, config: FurniturePlaceConfig) -> list[gtsam.Pose3]:
-    """T_object_grasp at the closed handle: both ways up, straight on first."""
+def _grasps(
+    built: BuiltObject, spec: FurnitureSpec, config: FurniturePlaceConfig
+) -> list[gtsam.Pose3]:
+    """T_object_grasp at the closed handle: both ways up, straight on first.
+
+    A bar is gripped from any side about its own axis; the flat board of an edge only within its
+    plane, so that both pads lie on it.
+    """
+    edge = spec.handle.style == "edge"
+    tilted = gtsam.Rot3.Ry if edge else gtsam.Rot3.Rx
     return [
-        built.T_object_handle * gtsam.Pose3(gtsam.Rot3.Rx(tilt) * gtsam.Rot3.Rz(turn), np.zeros(3))
-        for tilt in config.tilts_rad
+        built.T_object_handle * gtsam.Pose3(tilted(tilt) * gtsam.Rot3.Rz(turn), np.zeros(3))
+        for tilt in (config.edge_tilts_rad if edge else config.tilts_rad)
         for turn in (0.0, np.pi)
     ]
 

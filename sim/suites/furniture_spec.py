@@ -12,27 +12,45 @@ from typing import Literal
 import numpy as np
 
 from akm_fg.records import FloatArray
+from sim.mechanisms import Catch, Closer
+from sim.suites.furniture_physics import sample_catch, sample_closer, sample_physics
 
 Hinge = Literal["left", "right", "top", "bottom"]
 Family = Literal[
-    "chest", "desk", "range_drawer", "cabinet", "flap", "microwave", "fridge", "dishwasher", "oven"
+    "chest",
+    "desk",
+    "range_drawer",
+    "sliding",
+    "cabinet",
+    "flap",
+    "microwave",
+    "fridge",
+    "dishwasher",
+    "oven",
 ]
-HandleStyle = Literal["bar", "rod", "arch", "knob", "lip"]
+HandleStyle = Literal["bar", "rod", "arch", "knob", "lip", "edge"]
 
 APPLIANCES = ("range_drawer", "microwave", "fridge", "dishwasher", "oven")
 PLAIN_SHARE = 1.0 / 3.0  # of the objects, with nothing on them that a tracker could hold on to
+HANDLELESS_FAMILIES = ("chest", "desk", "cabinet", "flap")
+HANDLELESS_SHARE = 0.1  # of the objects, with a board's edge in place of a handle
 RANGE_MIN_M = 0.40  # every drawer opens at least so far: the benchmark's range
 DRAWER_BACK_M = 0.07  # of the drawer, kept in the cabinet at the end of the range
+SLIDING_DOOR = 0.32  # of the width of a cabinet with a sliding door: the door, and its travel
 
 
 @dataclass(frozen=True, slots=True)
 class HandleSpec:
-    """A handle's shape and place on its front."""
+    """A handle's shape and place on its front.
+
+    The style `edge` is a front without a handle: its board stands over the carcass at the free
+    edge, and the fingers pinch it there from the side.
+    """
 
     style: HandleStyle
-    length_m: float  # of the bar; of a knob, its diameter
+    length_m: float  # of the bar; of a knob, its diameter; of an edge, the stretch to grip
     thickness_m: float  # across the bar: what the fingers close on
-    reach_m: float  # from the front to the middle of the bar
+    reach_m: float  # from the front to the middle of the bar; of an edge, how far it stands over
     along: float  # -1..1, place between the ends that the front allows
     edge_m: float  # from the front's free edge (drawers: from its top) to the bar
 
@@ -62,6 +80,8 @@ class FurnitureSpec:
     friction: float  # Coulomb, N or N m
     upper: float  # end of the range, m or rad
     handle_mu: float  # sliding friction of the handle against rubber with mu 1
+    catch: Catch | None  # holds it closed
+    closer: Closer | None  # pulls it shut
 
     @property
     def front_m(self) -> tuple[float, float]:
@@ -89,8 +109,9 @@ class Slot:
     key: tuple[int, ...]
     split: str
     family: Family
-    hinge: Hinge | None  # None for a drawer
+    hinge: Hinge | None  # None for a drawer or a sliding door
     plain: bool
+    handleless: bool
 
 
 def sample_furniture(slot: Slot, ranges: SizeRanges, seed: int) -> FurnitureSpec:
@@ -101,13 +122,20 @@ def sample_furniture(slot: Slot, ranges: SizeRanges, seed: int) -> FurnitureSpec
     scale = float(np.random.default_rng([*key, seed]).uniform(0.9, 1.1))
     upper = float(rng.uniform(RANGE_MIN_M, 0.46) if hinge is None else rng.uniform(1.05, 1.75))
     size = size * scale
-    if hinge is None:
+    if family == "sliding":
+        size[0] = upper / SLIDING_DOOR
+    elif hinge is None:
         size[1] = max(size[1], upper + DRAWER_BACK_M + 0.06)
     wall_m = float(rng.uniform(0.012, 0.02))
     handle = _sample_handle(family, hinge, rng)
     finish = _sample_finish(family, slot.plain, rng)
-    area = float(size[0] * columns[part_at[1]] * size[2] * rows[part_at[0]])
-    mass_kg, damping, friction, handle_mu = _sample_physics(area, hinge, rng)
+    area_m2 = float(size[0] * columns[part_at[1]] * size[2] * rows[part_at[0]])
+    physics = sample_physics(area_m2, hinge is None, rng)
+    if slot.handleless:  # last: what was drawn above stays what it is without this
+        handle = _edge(key)
+        size, rows, columns, part_at = _clear_edge(hinge, (size, rows, columns, part_at))
+    # From the hinge to the free edge; a slide's forces are along the slide.
+    lever_m = None if hinge is None else _lever_m(hinge, (size, rows, columns, part_at))
     return FurnitureSpec(
         name=slot.name,
         seed=seed,
@@ -125,27 +153,14 @@ def sample_furniture(slot: Slot, ranges: SizeRanges, seed: int) -> FurnitureSpec
         handle=handle,
         plain=slot.plain,
         finish=finish,
-        mass_kg=mass_kg,
-        damping=damping,
-        friction=friction,
+        mass_kg=physics.mass_kg,
+        damping=physics.damping,
+        friction=physics.friction,
         upper=upper,
-        handle_mu=handle_mu,
+        handle_mu=physics.handle_mu,
+        catch=sample_catch(key, lever_m),
+        closer=sample_closer(key, lever_m, lying=hinge in ("top", "bottom")),
     )
-
-
-def _sample_physics(
-    area_m2: float, hinge: Hinge | None, rng: np.random.Generator
-) -> tuple[float, float, float, float]:
-    """Mass of the part, damping, Coulomb friction of its joint, friction of its handle.
-
-    Masses are those of board of 12 to 18 kg/m^2 and what hangs on it; slides rub with 2 to 8 N,
-    hinges with 0.2 to 1 N m, damped ones with up to 20 N s/m and 2 N m s/rad.
-    """
-    drawer = hinge is None
-    mass_kg = (2.0 if drawer else 0.5) + area_m2 * rng.uniform(12.0, 18.0)
-    damping = rng.uniform(3.0, 20.0) if drawer else rng.uniform(0.3, 2.0)
-    friction = rng.uniform(2.0, 8.0) if drawer else rng.uniform(0.2, 1.0)
-    return float(mass_kg), float(damping), float(friction), float(rng.uniform(0.7, 1.0))
 
 
 _Layout = tuple[FloatArray, tuple[float, ...], tuple[float, ...], tuple[int, int]]
@@ -157,18 +172,21 @@ def _layout(
     """Size (3,) of the whole, its rows and columns, and which of them is the part."""
     if family in ("chest", "desk"):
         return _drawer_layout(family, ranges, rng)
+    if family == "sliding":
+        box = ((1.0, 1.0), (0.50, 0.58), (0.62, 0.80))  # the width follows from the range
+        return np.array([rng.uniform(*side) for side in box]), (1.0,), (1.0,), (0, 0)
     if family == "cabinet":
         return _door_layout(ranges.door_width, ranges.door_height, rng)
     if family == "flap":
         return _door_layout(ranges.front_width, ranges.flap_height, rng)
-    box = {
+    box_of = {
         "microwave": ((0.45, 0.60), (0.34, 0.42), (0.26, 0.36)),
         "fridge": ((0.45, 0.58), (0.52, 0.62), (1.25, 1.65)),
         "dishwasher": ((0.44, 0.60), (0.52, 0.60), (0.68, 0.86)),
         "oven": ((0.46, 0.60), (0.52, 0.60), (0.68, 0.88)),
         "range_drawer": ((0.46, 0.62), (0.56, 0.62), (0.72, 0.92)),
-    }[family]
-    size = np.array([rng.uniform(*side) for side in box])
+    }
+    size = np.array([rng.uniform(*side) for side in box_of[family]])
     share = float(rng.uniform(0.28, 0.40))  # freezer of a fridge, drawer of a range
     lower = int(rng.integers(2)) if family == "fridge" else 1
     return size, (share, 1.0 - share), (1.0,), (lower, 0)
@@ -210,10 +228,31 @@ def _door_layout(
     return size, rows, columns, (row, column)
 
 
+def _lever_m(hinge: Hinge, layout: _Layout) -> float:
+    size, rows, columns, (row, column) = layout
+    return float(size[0] * columns[column] if hinge in ("left", "right") else size[2] * rows[row])
+
+
+def _clear_edge(hinge: Hinge | None, layout: _Layout) -> _Layout:
+    """The layout with nothing beside the part's free edge: alone in its row, or the topmost."""
+    size, rows, columns, (row, column) = layout
+    if hinge in ("left", "right"):
+        return size * [columns[column], 1.0, 1.0], rows, (1.0,), (row, 0)
+    rest = tuple(share for i, share in enumerate(rows) if i != row)
+    return size, (rows[row], *rest), columns, (0, column)
+
+
+def _edge(key: tuple[int, ...]) -> HandleSpec:
+    """A front without a handle whose board stands 4 cm over the carcass."""
+    rng = np.random.default_rng([*key, 43])
+    thickness, along = rng.uniform(0.014, 0.020), rng.uniform(-0.5, 0.5)
+    return HandleSpec("edge", 0.12, float(thickness), 0.040, float(along), 0.0)
+
+
 def _sample_handle(family: Family, hinge: Hinge | None, rng: np.random.Generator) -> HandleSpec:
     appliance = family in APPLIANCES
     styles: list[HandleStyle] = ["bar", "rod", "arch"]
-    if not appliance:
+    if not appliance and family != "sliding":
         styles += ["knob"] if hinge in ("left", "right") else ["knob", "lip"]
     style = styles[int(rng.integers(len(styles)))]
     length = rng.uniform(0.16, 0.30) if appliance else rng.uniform(0.09, 0.20)

@@ -1,4 +1,4 @@
-"""Handles: bars, round bars, arches, knobs and lips, as boxes and rods on a front.
+"""Handles: bars, round bars, arches, knobs, lips and edges, as boxes and rods on a front.
 
 In the handle's own frame x runs along the bar, z into the front, and the origin is the middle of
 what the fingers close on, as in `sim.objects.BuiltObject`.
@@ -17,20 +17,30 @@ POST_M = 0.012  # thickness of what joins a bar to the front
 # Columns: the handle's x, y and z in the object frame; y of the object points into the front.
 R_LYING = np.array([[1.0, 0, 0], [0, 0, 1.0], [0, -1.0, 0]])
 R_UPRIGHT = np.array([[0, 1.0, 0], [0, 0, 1.0], [1.0, 0, 0]])
+# Of an edge: z into the board, from the right, from the left and from above; y across the board.
+R_EDGE = {
+    "left": np.array([[0, 0, -1.0], [0, 1.0, 0], [1.0, 0, 0]]),
+    "right": np.array([[0, 0, 1.0], [0, 1.0, 0], [-1.0, 0, 0]]),
+    "above": np.array([[-1.0, 0, 0], [0, 1.0, 0], [0, 0, -1.0]]),
+}
+EDGE_GRIP_M = 0.018  # from the edge to the middle of what the fingers pinch
 
 
 def handle_pose(spec: FurnitureSpec, lower: FloatArray, upper: FloatArray) -> gtsam.Pose3:
     """T_part_handle on a front with the corners `lower` and `upper` (3,), in the part's frame."""
     handle, middle = spec.handle, (lower + upper) / 2.0
     half = (upper - lower) / 2.0
-    upright = spec.hinge in ("left", "right")
+    if handle.style == "edge":
+        return _edge_pose(spec, lower, upper)
+    upright = spec.hinge in ("left", "right") or spec.family == "sliding"
     room = half[2 if upright else 0] - handle.length_m / 2.0 - 0.02
     slide = handle.along * max(float(room), 0.0)
     edge = min(handle.edge_m, float(half[0 if upright else 2]))
     p_part = np.array([middle[0], lower[1] - handle.reach_m, middle[2]])
     if upright:
         p_part[2] += slide
-        p_part[0] = upper[0] - edge if spec.hinge == "left" else lower[0] + edge
+        if spec.family != "sliding":  # there it stands in the middle: the hand fits the recess
+            p_part[0] = upper[0] - edge if spec.hinge == "left" else lower[0] + edge
     else:
         p_part[0] += slide
         p_part[2] = _level(spec, lower, upper, edge)
@@ -49,8 +59,46 @@ def _level(spec: FurnitureSpec, lower: FloatArray, upper: FloatArray, edge: floa
     return float(max(upper[2] - 1.3 * edge, (lower[2] + upper[2]) / 2.0))
 
 
+def _edge_pose(spec: FurnitureSpec, lower: FloatArray, upper: FloatArray) -> gtsam.Pose3:
+    """T_part_handle where the fingers pinch a board that stands over at its free edge."""
+    handle, p_part = spec.handle, (lower + upper) / 2.0
+    p_part[1] = lower[1] + handle.thickness_m / 2.0
+    out = _overhang_m(spec) - EDGE_GRIP_M
+    upright = spec.hinge in ("left", "right")
+    room = (upper - lower)[2 if upright else 0] / 2.0 - handle.length_m / 2.0
+    p_part[2 if upright else 0] += handle.along * max(float(room), 0.0)
+    if spec.hinge == "left":
+        p_part[0] = upper[0] + out
+    elif spec.hinge == "right":
+        p_part[0] = lower[0] - out
+    else:
+        p_part[2] = upper[2] + out
+    return gtsam.Pose3(gtsam.Rot3(R_EDGE[str(spec.hinge) if upright else "above"]), p_part)
+
+
+def _overhang_m(spec: FurnitureSpec) -> float:
+    """From the front's usual edge, which leaves the carcass's wall bare, to the strip's."""
+    return spec.handle.reach_m + spec.wall_m
+
+
+def edge_strip(spec: FurnitureSpec, lower: FloatArray, upper: FloatArray) -> Box:
+    """What a front without a handle has more than other fronts: its board, standing over."""
+    reach, thickness = _overhang_m(spec), spec.handle.thickness_m
+    low, high = lower.copy(), upper.copy()
+    high[1] = lower[1] + thickness
+    match spec.hinge:
+        case "left":
+            low[0], high[0] = upper[0], upper[0] + reach
+        case "right":
+            low[0], high[0] = lower[0] - reach, lower[0]
+        case _:
+            low[2], high[2] = upper[2], upper[2] + reach
+    pose = gtsam.Pose3(gtsam.Rot3(), (low + high) / 2.0)
+    return Box("edge", high - low, pose, "front")
+
+
 def handle_boxes(handle: HandleSpec, T_part_handle: gtsam.Pose3) -> list[Box]:
-    """The solids of a handle in the part's frame."""
+    """The solids of a handle in the part's frame; an edge has none (see `edge_strip`)."""
     match handle.style:
         case "bar":
             pieces = _bar(handle, rounded=False)
@@ -62,6 +110,8 @@ def handle_boxes(handle: HandleSpec, T_part_handle: gtsam.Pose3) -> list[Box]:
             pieces = _knob(handle)
         case "lip":
             pieces = _lip(handle)
+        case "edge":
+            pieces = []
     return [
         Box(f"handle_{i}", size, T_part_handle * T, "handle", rounded)
         for i, (size, T, rounded) in enumerate(pieces)

@@ -14,29 +14,34 @@ from sim.suites.catalogue import SUITES, find_suite, load_spec
 from sim.suites.finishes import textures
 from sim.suites.furniture_body import make_body
 from sim.suites.furniture_build import build_furniture
-from sim.suites.furniture_spec import DRAWER_BACK_M, RANGE_MIN_M
-from sim.suites.handles import handle_boxes, handle_pose
+from sim.suites.furniture_spec import DRAWER_BACK_M, RANGE_MIN_M, SLIDING_DOOR
+from sim.suites.handles import edge_strip, handle_boxes, handle_pose
 from sim.world import SimWorld
 
 ALL = [spec.name for suite in SUITES.values() for spec in suite]
-SAMPLE = ["furniture-dev/drawer-004", "furniture-dev/door-008", "furniture-dev/door-020"]
-OF_EACH_FAMILY = sorted({s.family: s.name for s in find_suite("furniture-dev")}.values())
+SAMPLE = ["furniture-dev/drawer-004", "furniture-dev/slide-001", "furniture-dev/door-012"]
+HANDLED = [s for s in find_suite("furniture-dev") if s.handle.style != "edge"]
+OF_EACH_FAMILY = sorted({s.family: s.name for s in HANDLED}.values())
+HANDLELESS = [s.name for s in find_suite("furniture-dev") if s.handle.style == "edge"]
 PULL_N = 25.0  # what a child can do
 
 
 @pytest.mark.parametrize(
-    ("name", "drawers", "doors", "split"),
-    [("furniture-116", 60, 56, "test"), ("furniture-dev", 20, 20, "dev")],
+    ("name", "prismatic", "doors", "slides", "split"),
+    [("furniture-116", 60, 56, 4, "test"), ("furniture-dev", 20, 20, 2, "dev")],
 )
-def test_a_suite_has_its_objects_by_name(name: str, drawers: int, doors: int, split: str):
+def test_a_suite_has_its_objects_by_name(
+    name: str, prismatic: int, doors: int, slides: int, split: str
+):
     suite = find_suite(name)
     specs = list(suite)
-    assert len(suite) == len(specs) == drawers + doors
-    assert [s.kind for s in specs] == ["prismatic"] * drawers + ["revolute"] * doors
+    assert len(suite) == len(specs) == prismatic + doors
+    assert [s.kind for s in specs] == ["prismatic"] * prismatic + ["revolute"] * doors
+    assert sum(s.name.startswith(f"{name}/slide-") for s in specs) == slides
     assert specs[0].name == f"{name}/drawer-001" and specs[-1].name == f"{name}/door-{doors:03d}"
     assert {s.split for s in specs} == {split}
     assert {s.hinge for s in specs} == {None, "left", "right", "top", "bottom"}
-    assert {s.handle.style for s in specs} == {"bar", "rod", "arch", "knob", "lip"}
+    assert {s.handle.style for s in specs} == {"bar", "rod", "arch", "knob", "lip", "edge"}
 
 
 @pytest.mark.parametrize("suite", SUITES)
@@ -51,10 +56,27 @@ def test_ranges_hold_the_benchmark_and_drawers_stay_in_their_cabinets(suite: str
     for spec in find_suite(suite):
         if spec.kind == "prismatic":
             assert spec.upper >= RANGE_MIN_M
-            assert spec.size_m[1] > spec.upper + DRAWER_BACK_M
+            room = spec.size_m[0] * SLIDING_DOOR if spec.family == "sliding" else spec.size_m[1]
+            back = 0.0 if spec.family == "sliding" else DRAWER_BACK_M
+            assert room >= spec.upper + back - 1e-9
         else:
             assert spec.upper >= np.deg2rad(40.0)
         assert 0.9 <= spec.scale <= 1.1
+
+
+@pytest.mark.parametrize("suite", SUITES)
+def test_a_share_of_the_objects_is_caught_or_closes_itself_and_a_child_can_open_all(suite: str):
+    specs = list(find_suite(suite))
+    assert 0.25 < np.mean([s.catch is not None for s in specs]) < 0.55
+    assert 0.08 < np.mean([s.closer is not None for s in specs]) < 0.32
+    for spec in specs:
+        to_beat = spec.friction + (spec.catch.force if spec.catch else 0.0)
+        to_beat += spec.closer.pulls(0.0) if spec.closer else 0.0
+        # At the handle of a door, which is at most 8 cm from the free edge.
+        row, column = spec.part_at
+        across = spec.size_m[0] * spec.columns[column], spec.size_m[2] * spec.rows[row]
+        lever = across[0] if spec.hinge in ("left", "right") else across[1]
+        assert to_beat < PULL_N * (1.0 if spec.hinge is None else lever - 0.08), spec.name
 
 
 def test_the_suites_share_no_object():
@@ -107,6 +129,27 @@ def test_the_handle_stands_on_the_front_and_leaves_room_for_fingers(name: str):
     assert 0.0 < T_object_handle[2] < spec.size_m[2]
 
 
+@pytest.mark.parametrize("name", HANDLELESS)
+def test_without_a_handle_the_board_stands_over_its_carcass_where_fingers_pinch_it(name: str):
+    spec = load_spec(name, 0)
+    body = make_body(spec)
+    lower, upper = body.front()
+    strip = edge_strip(spec, lower, upper)
+    T_part_handle = handle_pose(spec, lower, upper)
+    assert handle_boxes(spec.handle, T_part_handle) == []
+    p_strip = strip.T_link_box.transformTo(T_part_handle.translation())
+    assert (np.abs(p_strip) < strip.size_m / 2.0).all()  # between the fingers is the board
+    pads = T_part_handle.rotation().matrix()[:, 1]
+    np.testing.assert_allclose(np.abs(pads), [0.0, 1.0, 0.0])  # across its thickness
+    # Behind the board is room for a finger whose tip goes a centimetre past the grip.
+    p_object = body.origin + T_part_handle.translation()
+    T_past = T_part_handle.rotation().matrix()[:, 2]
+    corpus = [(b.T_link_box.translation(), b.size_m / 2.0) for b in body.corpus]
+    for behind_m in (0.02, 0.04):
+        at = p_object + [0.0, behind_m, 0.0] + 0.010 * T_past
+        assert not any((np.abs(at - c) < half).all() for c, half in corpus)
+
+
 def _corners(size_m: np.ndarray, T: np.ndarray) -> np.ndarray:
     signs = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)])
     return (signs * size_m / 2.0) @ T[:3, :3].T + T[:3, 3]
@@ -137,7 +180,11 @@ def settles_moves_and_stays(name: str) -> None:
         middle = world.spec.upper / 2.0
         p.resetJointState(world.object_id, world.part_joint, middle, physicsClientId=world.client)
         run(world, 0.3)
-        assert abs(world.part_state() - middle) < 4.0 * little
+        closer = world.spec.closer
+        if closer is not None and closer.pulls(middle) > 0.0:  # may shut it, and nothing else
+            assert -little < world.part_state() < middle + 4.0 * little
+        else:
+            assert abs(world.part_state() - middle) < 4.0 * little
 
 
 def run(world: SimWorld, seconds: float, pull_n: float = 0.0) -> None:
@@ -165,7 +212,8 @@ def run(world: SimWorld, seconds: float, pull_n: float = 0.0) -> None:
     ("name", "told"),
     [
         ("attic/door-001", "furniture-116, furniture-dev"),
-        ("furniture-dev/door-021", "door-001 to door-020"),
+        ("furniture-dev/door-021", "drawer-001 to drawer-018, slide-001 to slide-002"),
+        ("furniture-dev/slide-003", "door-001 to door-020"),
         ("furniture-dev/door-1", "door-001 to door-020"),
         ("furniture-dev/", "door-001 to door-020"),
     ],
