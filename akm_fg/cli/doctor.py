@@ -48,6 +48,9 @@ PACKAGES = (
     Package("rich", "rich", "tables in the terminal", False),
     Package("pybullet", "pybullet", "akm-fg demo (extra: sim)", True),
     Package("pin", "pinocchio", "akm-fg demo (extra: sim)", True),
+    Package("pin-pink", "pink", "akm-fg demo (extra: sim)", True),
+    Package("daqp", "daqp", "akm-fg demo (extra: sim)", True),
+    Package("ompl", "ompl.geometric", "akm-fg demo (extra: sim)", True),
     Package("scene_synthesizer", "scene_synthesizer", "akm-fg demo (extra: sim)", True),
 )
 
