@@ -10,12 +10,16 @@ from dataclasses import dataclass
 
 import gtsam
 import numpy as np
+import pink
 import pinocchio as pin
+from pink.limits import ConfigurationLimit
+from pink.tasks import FrameTask, PostureTask
 
 from akm_fg.records import FloatArray
 from sim.bullet import PANDA_URDF, pose_from_matrix
 
 N_ARM = 7
+GRIPPER_FRAME = "panda_grasptarget"
 
 # The soft limits of the URDF's <safety_controller>, rad; the URDF's <limit>s are wider than the
 # real robot's.
@@ -32,14 +36,15 @@ Q_HOME = np.array([0.0, -np.pi / 4, 0.0, -3 * np.pi / 4, 0.0, np.pi / 2, np.pi /
 
 @dataclass(frozen=True, slots=True)
 class IkConfig:
-    """Damped least squares."""
+    """Differential inverse kinematics: a quadratic programme a step, solved by pink and daqp."""
 
     tolerance_m: float = 2e-5  # well below 0.1 mm
     tolerance_rad: float = 1e-4
     iterations: int = 80
-    damping: float = 1e-3  # of J J^T, (m/rad)^2
+    patience: int = 12  # iterations without a tenth less error: stuck at the limits
+    frame_damping: float = 1e-2  # Levenberg-Marquardt, times the squared error
+    posture_cost: float = 1e-3  # of leaving mid-range, 1/rad, against 1/m and 1/rad of the hand
     step_max_rad: float = 0.3  # keeps far starts from flipping
-    centring: float = 0.02  # share of the way to mid-range per iteration, in the null space
     margin_rad: float = 0.01  # kept from the soft limits
 
 
@@ -49,10 +54,10 @@ class FrankaKinematics:
     def __init__(self, ik: IkConfig | None = None) -> None:
         self._model = pin.buildModelFromUrdf(str(PANDA_URDF))
         self._data = self._model.createData()
-        self._frame = self._model.getFrameId("panda_grasptarget")
+        self._frame = self._model.getFrameId(GRIPPER_FRAME)
         self._q = np.zeros(self._model.nq)
         self._v = np.zeros(self._model.nv)
-        self._ik = ik or IkConfig()
+        self._ik = _InverseKinematics(self._model, ik or IkConfig())
 
     def update(self, q: FloatArray, fingers_m: float = 0.02) -> tuple[FloatArray, FloatArray]:
         """T_world_gripper as (4, 4) and J_gripper_q (6, 7) at joint angles (7,).
@@ -89,29 +94,11 @@ class FrankaKinematics:
         return pin.rnea(self._model, self._data, self._q, self._v, a)[:N_ARM]
 
     def solve(self, T_world_gripper: gtsam.Pose3, q_start: FloatArray) -> FloatArray | None:
-        """Joint angles (7,) within the soft limits that reach the pose, or None.
+        """Joint angles (7,) within the soft limits that reach the pose to 0.1 mm, or None.
 
-        Damped least squares with a pull to mid-range in the null space, clamped to the limits.
+        The hand comes first; what freedom is left leans to mid-range.
         """
-        ik = self._ik
-        lo, hi = Q_MIN + ik.margin_rad, Q_MAX - ik.margin_rad
-        middle = (Q_MIN + Q_MAX) / 2.0
-        q = np.clip(q_start, lo, hi)
-        target = T_world_gripper.matrix()
-        for _ in range(ik.iterations):
-            T, J = self.update(q)
-            error = pose_error(target, T)
-            small = np.linalg.norm(error[:3]) < ik.tolerance_m
-            if small and np.linalg.norm(error[3:]) < ik.tolerance_rad:
-                return q
-            JJt = J @ J.T + ik.damping**2 * np.eye(6)
-            step = J.T @ np.linalg.solve(JJt, error)
-            # The centring pull fades with the error, so that the last steps converge.
-            pull = ik.centring * min(1.0, 20.0 * float(np.linalg.norm(error))) * (middle - q)
-            step += pull - J.T @ np.linalg.solve(JJt, J @ pull)
-            step *= min(1.0, ik.step_max_rad / max(float(np.abs(step).max()), 1e-12))
-            q = np.clip(q + step, lo, hi)
-        return None
+        return self._ik.solve(T_world_gripper.matrix(), q_start)
 
     def chain(
         self, poses: list[gtsam.Pose3], q_start: FloatArray, jump_max_rad: float = 0.4
@@ -129,6 +116,56 @@ class FrankaKinematics:
             result.append(q_next)
             q = q_next
         return result
+
+
+class _InverseKinematics:
+    """The arm alone (fingers locked), a task for the hand and a faint one for the posture."""
+
+    def __init__(self, model: pin.Model, config: IkConfig) -> None:
+        fingers = [model.getJointId(f"panda_finger_joint{i}") for i in (1, 2)]
+        arm = pin.buildReducedModel(model, fingers, np.zeros(model.nq))
+        arm.lowerPositionLimit = Q_MIN + config.margin_rad
+        arm.upperPositionLimit = Q_MAX - config.margin_rad
+        self._config = config
+        self._lower, self._upper = arm.lowerPositionLimit, arm.upperPositionLimit
+        self._limits = [ConfigurationLimit(arm, config_limit_gain=1.0)]
+        self._hand = FrameTask(GRIPPER_FRAME, 1.0, 1.0, lm_damping=config.frame_damping)
+        self._posture = PostureTask(cost=config.posture_cost)
+        self._posture.set_target((Q_MIN + Q_MAX) / 2.0)
+        self._state = pink.Configuration(arm, arm.createData(), self._lower)
+
+    def solve(self, target: FloatArray, q_start: FloatArray) -> FloatArray | None:
+        """Joint angles (7,) at which the hand is at `target` (4, 4), or None."""
+        config, state = self._config, self._state
+        self._hand.set_target(pin.SE3(target))
+        state.update(np.clip(q_start, self._lower, self._upper))
+        least, since = np.inf, 0
+        for _ in range(config.iterations):
+            error = self._hand.compute_error(state)
+            off_m, off_rad = float(np.linalg.norm(error[:3])), float(np.linalg.norm(error[3:]))
+            if off_m < config.tolerance_m and off_rad < config.tolerance_rad:
+                return state.q.copy()
+            off = float(np.hypot(off_m, off_rad))
+            least, since = (off, 0) if off < 0.9 * least else (least, since + 1)
+            if since > config.patience:
+                return None
+            # The pull to mid-range fades with the error, so that the last steps converge.
+            self._posture.cost = config.posture_cost * min(1.0, 20.0 * off)
+            state.integrate_inplace(self._step(), 1.0)
+        return None
+
+    def _step(self) -> FloatArray:
+        """Change (7,) of the joint angles, rad, that stays inside the limits."""
+        step: FloatArray = pink.solve_ik(
+            self._state,
+            [self._hand, self._posture],
+            dt=1.0,
+            solver="daqp",
+            damping=1e-8,
+            limits=self._limits,
+            safety_break=False,  # limits hold by construction, to rounding
+        )
+        return step * min(1.0, self._config.step_max_rad / max(float(np.abs(step).max()), 1e-12))
 
 
 def pose_error(target: FloatArray, T: FloatArray) -> FloatArray:
