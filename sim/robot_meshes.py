@@ -8,10 +8,7 @@ the collision meshes as they are.
 
 from __future__ import annotations
 
-import logging
-import os
 import shutil
-import tempfile
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -20,9 +17,9 @@ from numpy.typing import NDArray
 
 from akm_fg.records import FloatArray
 from sim.bullet import PANDA_URDF
+from sim.cache import kept
 
 IntArray = NDArray[np.int64]
-LOG = logging.getLogger(__name__)
 
 CELL_M = 0.006  # three or four pixels at one metre; averaged normals keep it round
 PALETTE = 16  # fields along a side of the palette texture: vertices in different ones stay apart
@@ -43,27 +40,7 @@ class Triangles:
 
 def light_panda_urdf() -> Path:
     """The robot's URDF with merged visual meshes, from the cache or made now (about a second)."""
-    target = _cache() / f"panda-{VERSION}-{1e3 * CELL_M:.0f}mm"
-    urdf = target / "panda.urdf"
-    if not urdf.exists():
-        target.parent.mkdir(parents=True, exist_ok=True)
-        scratch = Path(tempfile.mkdtemp(prefix=f"{target.name}-", dir=target.parent))
-        _write(scratch)
-        try:
-            scratch.rename(target)
-        except OSError:  # another process was faster
-            LOG.debug("%s is there already", target)
-    return urdf
-
-
-def _cache() -> Path:
-    """A folder to keep files in between runs; the temporary one where there is no home."""
-    base = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "akm-fg"
-    try:
-        base.mkdir(parents=True, exist_ok=True)
-    except OSError:
-        return Path(tempfile.gettempdir()) / f"akm-fg-cache-{os.getuid()}"
-    return base
+    return kept(f"panda-{VERSION}-{1e3 * CELL_M:.0f}mm", _write) / "panda.urdf"
 
 
 def _write(folder: Path) -> None:

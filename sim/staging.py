@@ -4,7 +4,9 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from sim.cache import code_digest, digest, kept
 from sim.kinematics import FrankaKinematics
+from sim.object_record import read_record, spec_text, write_record
 from sim.objects import OBJECT_NAMES, BuiltObject, ObjectSpec, PartSpec, build_object, sample_object
 from sim.placement import Placement, place
 from sim.suites.catalogue import load_spec
@@ -28,14 +30,24 @@ def find_spec(name: str, seed: int) -> PartSpec:
     return sample_object(name, seed)
 
 
-def stage(
-    spec: PartSpec, folder: Path, kinematics: FrankaKinematics
-) -> tuple[BuiltObject, Placement]:
-    """Builds the object's files in `folder` and finds it a place that the arm can work at.
+def stage(spec: PartSpec, kinematics: FrankaKinematics) -> tuple[BuiltObject, Placement]:
+    """The object's files, from the cache or built now, and a place that the arm can work at.
 
     Raises:
         MotionInfeasible: there is no such place.
     """
+
+    def make(folder: Path) -> None:
+        write_record(folder, *_build_and_place(spec, folder, kinematics))
+
+    text = spec_text(spec)
+    readable = spec.name.replace("/", "-")
+    return read_record(kept(f"{readable}-{digest(code_digest(), text)}", make), spec)
+
+
+def _build_and_place(
+    spec: PartSpec, folder: Path, kinematics: FrankaKinematics
+) -> tuple[BuiltObject, Placement]:
     if isinstance(spec, FurnitureSpec):
         built = build_furniture(spec, folder)
         return built, place_furniture(built, spec, kinematics)

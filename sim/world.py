@@ -64,7 +64,8 @@ class SimWorld:
     def __enter__(self) -> SimWorld:
         self._folder = tempfile.TemporaryDirectory(prefix="akm-fg-sim-")
         folder = Path(self._folder.name)
-        self.built, self.placement = stage(self.spec, folder, self.kinematics)
+        self.built, self.placement = stage(self.spec, self.kinematics)
+        files = self.built.urdf.parent
         with quiet():
             self.client = int(p.connect(p.DIRECT))
         self._entered = True
@@ -74,8 +75,8 @@ class SimWorld:
         )
         self._set_up_robot()
         T_world_object = self.placement.T_world_object
-        self.object_id = load_urdf(self.client, folder / "moving.urdf", T_world_object)
-        self.still.append((folder / "corpus.urdf", T_world_object))
+        self.object_id = load_urdf(self.client, files / "moving.urdf", T_world_object)
+        self.still.append((files / "corpus.urdf", T_world_object))
         self.part_joint = joint_index(self.client, self.object_id, PART_JOINT)
         self._furnish()
         self._add_room(folder)

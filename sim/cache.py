@@ -1,0 +1,98 @@
+"""Files that are made once and kept in the user's cache folder between runs.
+
+`$XDG_CACHE_HOME/akm-fg`, or `~/.cache/akm-fg`, or the temporary folder where there is no home.
+An entry is a folder that is made beside its place and renamed into it when it is whole: an
+interruption leaves no half entry, and of several processes that make the same one, the first
+wins. The folder may be deleted at any time.
+"""
+
+from __future__ import annotations
+
+import functools
+import hashlib
+import importlib.metadata
+import logging
+import os
+import shutil
+import tempfile
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+LOG = logging.getLogger(__name__)
+
+SCRATCH = ".making-"  # names of entries that are not whole yet begin so
+STALE_S = 24 * 3600.0  # what was not finished by then never will be
+# Besides our own code, what decides what an object's files and its place look like.
+DEPENDENCIES = ("numpy", "scipy", "scene_synthesizer", "trimesh", "pin", "coacd", "gtsam")
+
+
+def cache_folder() -> Path:
+    """Where entries live; it exists."""
+    base = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "akm-fg"
+    try:
+        base.mkdir(parents=True, exist_ok=True)
+        if os.access(base, os.W_OK):
+            return base
+    except OSError as error:
+        LOG.debug("%s: %s", base, error)
+    base = Path(tempfile.gettempdir()) / f"akm-fg-cache-{os.getuid()}"
+    base.mkdir(parents=True, exist_ok=True)
+    return base
+
+
+def kept(name: str, make: Callable[[Path], None]) -> Path:
+    """The cache's folder `name`, filled by `make(folder)` where it is not there yet.
+
+    Raises:
+        Exception: whatever `make` raises; nothing is kept then.
+    """
+    target = cache_folder() / name
+    if target.is_dir():
+        return target
+    _sweep(target.parent)
+    scratch = Path(tempfile.mkdtemp(prefix=SCRATCH, dir=target.parent))
+    try:
+        make(scratch)
+        scratch.rename(target)
+    except OSError:
+        if not target.is_dir():  # else another process was faster
+            raise
+    finally:
+        shutil.rmtree(scratch, ignore_errors=True)
+    return target
+
+
+def digest(*parts: str | bytes) -> str:
+    """A short name for contents."""
+    sha = hashlib.sha256()
+    for part in parts:
+        data = part.encode() if isinstance(part, str) else part
+        sha.update(len(data).to_bytes(8, "little") + data)
+    return sha.hexdigest()[:24]
+
+
+@functools.cache
+def code_digest() -> str:
+    """Of everything that makes objects: all of this package, and the versions of what it uses."""
+    root = Path(__file__).parent
+    sources = [path.read_bytes() for path in sorted(root.rglob("*.py"))]
+    return digest(*(f"{name} {_version(name)}" for name in DEPENDENCIES), *sources)
+
+
+def _version(name: str) -> str:
+    try:
+        return importlib.metadata.version(name)
+    except importlib.metadata.PackageNotFoundError:
+        return "none"
+
+
+def _sweep(folder: Path) -> None:
+    """Removes what killed processes left unfinished."""
+    for left in folder.glob(f"{SCRATCH}*"):
+        try:
+            stale = time.time() - left.stat().st_mtime > STALE_S
+        except OSError:  # it was renamed or removed meanwhile
+            continue
+        if stale:
+            shutil.rmtree(left, ignore_errors=True)

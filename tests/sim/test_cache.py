@@ -1,0 +1,113 @@
+"""What is kept between runs is whole, the same as when it was made, and made once."""
+
+from __future__ import annotations
+
+import os
+import threading
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from sim.cache import SCRATCH, STALE_S, cache_folder, digest, kept
+from sim.kinematics import FrankaKinematics
+from sim.object_record import RECORD, read_record, spec_text, write_record
+from sim.staging import _build_and_place, find_spec, stage
+
+
+@pytest.fixture(autouse=True)
+def own_cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    return tmp_path / "akm-fg"
+
+
+def test_an_entry_is_made_once():
+    made = []
+
+    def make(folder: Path) -> None:
+        made.append(folder)
+        (folder / "file").write_text("x")
+
+    first, again = kept("entry", make), kept("entry", make)
+    assert first == again and (first / "file").read_text() == "x" and len(made) == 1
+    assert [path.name for path in cache_folder().iterdir()] == ["entry"]
+
+
+@pytest.mark.parametrize("error", [ValueError, KeyboardInterrupt])
+def test_an_interruption_leaves_nothing(error: type[BaseException], own_cache: Path):
+    def make(folder: Path) -> None:
+        (folder / "half").write_text("x")
+        raise error
+
+    with pytest.raises(error):
+        kept("entry", make)
+    assert list(own_cache.iterdir()) == []
+
+
+def test_the_first_of_two_that_make_the_same_wins_and_both_get_it_whole():
+    both = threading.Barrier(2)
+    found: list[Path] = []
+
+    def make(folder: Path) -> None:
+        both.wait(10.0)  # neither is there before both have begun
+        (folder / "a").write_text("x")
+        (folder / "b").write_text("x")
+
+    threads = [threading.Thread(target=lambda: found.append(kept("e", make))) for _ in "12"]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert found == [cache_folder() / "e"] * 2
+    assert sorted(f.name for f in found[0].iterdir()) == ["a", "b"]
+    assert [path.name for path in cache_folder().iterdir()] == ["e"]
+
+
+def test_what_killed_processes_left_is_removed_after_a_day(own_cache: Path):
+    old, young = (cache_folder() / f"{SCRATCH}{age}" for age in ("old", "young"))
+    old.mkdir()
+    young.mkdir()
+    yesterday = time.time() - STALE_S - 60.0
+    os.utime(old, (yesterday, yesterday))
+    kept("entry", lambda folder: None)
+    assert sorted(p.name for p in own_cache.iterdir()) == sorted([young.name, "entry"])
+
+
+def test_a_digest_tells_where_one_part_ends():
+    assert digest("ab", "c") != digest("a", "bc")
+
+
+def test_an_object_from_the_cache_is_the_one_that_was_built_bit_for_bit(tmp_path: Path):
+    spec, kinematics = find_spec("furniture-dev/drawer-004", 2), FrankaKinematics()
+    folder = tmp_path / "fresh"
+    folder.mkdir()
+    built, placement = _build_and_place(spec, folder, kinematics)
+    kept_built, kept_placement = stage(spec, kinematics)
+    kept_folder = kept_built.urdf.parent
+    assert {f.name for f in kept_folder.iterdir()} == {f.name for f in folder.iterdir()} | {RECORD}
+    for file in folder.iterdir():
+        assert (kept_folder / file.name).read_bytes() == file.read_bytes(), file
+    for fresh, stored in ((built, kept_built), (placement, kept_placement)):
+        for name in fresh.__dataclass_fields__:
+            a, b = (_number(getattr(x, name)) for x in (fresh, stored))
+            assert name == "urdf" or np.array_equal(a, b), name
+
+
+def _number(value):
+    return value.matrix() if hasattr(value, "matrix") else value
+
+
+def test_the_cache_is_not_asked_twice_for_two_different_objects():
+    texts = {spec_text(find_spec("furniture-dev/drawer-004", seed)) for seed in (0, 1)}
+    assert len(texts) == 2
+    assert spec_text(find_spec("door", 0)) != spec_text(find_spec("door", 1))
+
+
+def test_a_record_reads_back(tmp_path: Path):
+    spec = find_spec("furniture-dev/drawer-004", 0)
+    built, placement = stage(spec, FrankaKinematics())
+    write_record(built.urdf.parent, built, placement)
+    again, _ = read_record(built.urdf.parent, spec)
+    assert again.view_low is built.view_low
+    assert again.T_object_handle.equals(built.T_object_handle, 0.0)
