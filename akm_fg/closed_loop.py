@@ -3,6 +3,9 @@
 The camera keeps watching while the hand moves, and every frame goes into the graph: the model
 gets better with use. The episode ends when P(|q - target| <= tolerance) is high enough, or says
 why not. States are relative to the first frame.
+
+An episode works on frames as a recording holds them and models them as `akm-fg fit` does, with
+the same defaults: `fit` gives the posterior of its recording again, every digit.
 """
 
 from __future__ import annotations
@@ -20,6 +23,7 @@ from scipy.special import ndtr
 from akm_fg.errors import GraspFailed, InsufficientData, MotionInfeasible, TracksLost
 from akm_fg.estimation.posterior import JointPosterior, StatePosterior
 from akm_fg.interfaces import Arm, Camera
+from akm_fg.io.recording_depth import as_stored
 from akm_fg.pipeline import RecordingFit, fit_recording
 from akm_fg.planning.opening_path import HandLimits, plan_opening
 from akm_fg.records import FloatArray, Recording, RgbdFrame, RoundSummary
@@ -45,39 +49,57 @@ class EpisodeConfig:
         return self.tolerance_m if kind == "prismatic" else self.tolerance_rad
 
 
+@dataclass(frozen=True, slots=True)
+class Look:
+    """What is known of one moment: a frame, and where the gripper was."""
+
+    frame: RgbdFrame
+    T_world_gripper: gtsam.Pose3
+    holding: bool  # something was between the closed fingers
+
+
 @dataclass(slots=True)
 class Episode:
     """What has happened so far; stays readable when it is interrupted."""
 
-    frames: list[RgbdFrame] = field(default_factory=list)
-    T_world_gripper: list[gtsam.Pose3] = field(default_factory=list)
+    looks: list[Look] = field(default_factory=list)
     fit: RecordingFit | None = None
     rounds: list[RoundSummary] = field(default_factory=list)
     closed_loop_frame: int | None = None
     failure: str | None = None
     time_s: dict[str, float] = field(default_factory=dict)
 
+    @property
+    def grasp_frames(self) -> tuple[int, int] | None:
+        """First and last frame of the first stretch in which the gripper holds."""
+        held = [look.holding for look in self.looks]
+        if True not in held:
+            return None
+        first = held.index(True)
+        end = held.index(False, first) if False in held[first:] else len(held)
+        return first, end - 1
+
     def recording(self, name: str) -> Recording:
-        """The frames so far; the gripper holds in all of them."""
-        last = len(self.frames) - 1
-        return Recording(name, tuple(self.frames), None, tuple(self.T_world_gripper), (0, last))
+        """The frames so far."""
+        frames = tuple(look.frame for look in self.looks)
+        poses = tuple(look.T_world_gripper for look in self.looks)
+        return Recording(name, frames, None, poses, self.grasp_frames)
 
 
 @dataclass(frozen=True, slots=True)
 class Task:
     """What to do with an object."""
 
-    name: str
+    name: str  # of the recording, in posteriors and messages
     T_world_grasp: gtsam.Pose3  # the given contact
     direction_world: FloatArray  # (3,) unit, where to pull first
     target: dict[str, float]  # kind -> wanted state relative to the first frame, m or rad
-    seed: int = 0  # of the sampling in the estimator
 
 
 class Observer(Protocol):
     """Is told what happens, as it happens."""
 
-    def frame(self, frame: RgbdFrame, T_world_gripper: gtsam.Pose3) -> None:
+    def looked(self, look: Look) -> None:
         """A frame was taken."""
         ...
 
@@ -142,12 +164,12 @@ class _Watch:
     def look(self) -> None:
         """Take one frame, unless the last was taken at this very moment."""
         began = time.perf_counter()
-        frame, T_world_gripper = self._camera.capture(), self._arm.T_world_gripper()
-        frames = self.episode.frames
-        if not frames or frame.stamp_s > frames[-1].stamp_s:
-            self.observer.frame(frame, T_world_gripper)
-            frames.append(frame)
-            self.episode.T_world_gripper.append(T_world_gripper)
+        frame = as_stored(self._camera.capture())
+        look = Look(frame, self._arm.T_world_gripper(), self._arm.holding())
+        looks = self.episode.looks
+        if not looks or frame.stamp_s > looks[-1].frame.stamp_s:
+            self.observer.looked(look)
+            looks.append(look)
         self.took("camera", began)
 
     def until_done(self, motion: Iterator[None], stage: str, looking: bool = True) -> None:
@@ -174,9 +196,9 @@ def _drive(arm: Arm, watch: _Watch, task: Task, config: EpisodeConfig) -> None:
     episode, observer = watch.episode, watch.observer
     commanded: float | None = None
     for number in range(config.max_rounds + 1):
-        observer.stage(f"modelling {len(episode.frames)} frames")
+        observer.stage(f"modelling {len(episode.looks)} frames")
         began = time.perf_counter()
-        episode.fit = fit_recording(episode.recording(task.name), task.seed)
+        episode.fit = fit_recording(episode.recording(task.name))
         watch.took("model", began)
         joint, states = _joint_of(episode.fit)
         if joint.kind not in task.target:
@@ -192,7 +214,7 @@ def _drive(arm: Arm, watch: _Watch, task: Task, config: EpisodeConfig) -> None:
         if not arm.holding():
             raise GraspFailed("the gripper lost the part")
         observer.stage(f"moving to the target (round {number + 1})")
-        episode.closed_loop_frame = episode.closed_loop_frame or len(episode.frames)
+        episode.closed_loop_frame = episode.closed_loop_frame or len(episode.looks)
         path = plan_opening(joint, arm.T_world_gripper(), mean, wanted, config.limits)
         watch.until_done(arm.follow(path, config.move_tick_s), "move")
         watch.look()

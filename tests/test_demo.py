@@ -1,15 +1,26 @@
-"""The demo's whole path, on its smallest configuration: pull, model, closed loop, report."""
+"""The demo's whole path, on its smallest configuration: pull, model, closed loop, replay."""
 
+import contextlib
+import hashlib
+import io
 import json
+import os
+import subprocess
+import sys
+from dataclasses import dataclass
+from pathlib import Path
 
+import numpy as np
 import pytest
 
 pytest.importorskip("pybullet", reason="the simulator is not installed")
 
+from akm_fg.cli import simulated_run
 from akm_fg.cli.demo import DemoArguments, DemoSetting, demo
 from akm_fg.cli.main import main
 from akm_fg.closed_loop import EpisodeConfig
 from akm_fg.io.recording import read_recording, read_truth
+from akm_fg.report.summary import RunSummary
 
 SMALL = DemoSetting(
     EpisodeConfig(pull_m=0.08, pull_tick_s=0.2, move_tick_s=0.4),
@@ -17,31 +28,136 @@ SMALL = DemoSetting(
 )
 
 
+@dataclass(frozen=True)
+class Ran:
+    """One demo: what it returned, said and wrote, and what it knew when it ended."""
+
+    code: int
+    json: dict
+    stdout: str
+    stderr: str
+    folder: Path
+    summary: RunSummary
+
+
+def run_demo(name: str, target: str, seed: int, path: Path) -> Ran:
+    said, told, out, known = io.StringIO(), io.StringIO(), path / "run.json", []
+    real = simulated_run.run_in_simulator
+
+    def spy(request):
+        known.append(real(request))
+        return known[0]
+
+    arguments = DemoArguments(name, target, seed, path / "runs", str(out))
+    with pytest.MonkeyPatch.context() as patch, contextlib.redirect_stdout(said):
+        patch.setattr(simulated_run, "run_in_simulator", spy)
+        with contextlib.redirect_stderr(told):
+            code = demo(arguments, SMALL)
+    folder = _only_folder(path / "runs")
+    run = json.loads(out.read_text())
+    return Ran(code, run, said.getvalue(), told.getvalue(), folder, known[0][0])
+
+
 def _only_folder(path):
     (folder,) = path.iterdir()
     return folder
 
 
-@pytest.mark.parametrize(("name", "target"), [("drawer", "0.12"), ("door", "25deg")])
-def test_the_demo_goes_from_a_closed_object_to_a_report(name, target, tmp_path, capfd):
-    out = tmp_path / "run.json"
-    code = demo(DemoArguments(name, target, 0, tmp_path / "runs", str(out)), SMALL)
-    folder = _only_folder(tmp_path / "runs")
-    run = json.loads(out.read_text())
-    assert code == 0, run["failure"]
+@pytest.fixture(scope="module")
+def drawer(tmp_path_factory):
+    """Seed 3 is not the default of `fit`: a seed of the episode in its posterior would show."""
+    return run_demo("drawer", "0.12", 3, tmp_path_factory.mktemp("drawer"))
+
+
+@pytest.fixture(scope="module")
+def door(tmp_path_factory):
+    return run_demo("door", "25deg", 0, tmp_path_factory.mktemp("door"))
+
+
+@pytest.mark.parametrize("name", ["drawer", "door"])
+def test_the_demo_goes_from_a_closed_object_to_a_report(name, request):
+    ran = request.getfixturevalue(name)
+    run, folder = ran.json, ran.folder
+    assert ran.code == 0, run["failure"]
     assert run["schema"] == "akm-fg/run/1"
     assert run["posterior"]["kind"] == run["truth"]["kind"]
     assert run["p_within_tolerance"] >= 0.95
     assert abs(run["truth"]["final_state"] - run["target"]) < 0.1 * run["target"]
-    assert json.loads((folder / "posterior.json").read_text())["schema"] == "akm-fg/posterior/1"
     page = (folder / "report.html").read_text()
     assert name in page and "http" not in page.split("</head>")[1].replace("http://www.w3.org", "")
-    recording, truth = read_recording(folder / "recording"), read_truth(folder / "recording")
-    assert truth is not None and len(truth.states) == len(recording.frames)
-    assert recording.T_world_gripper is not None
-    captured = capfd.readouterr()
-    assert "pulling" in captured.err
-    assert "joint kind" in captured.out
+    truth = read_truth(folder / "recording")
+    assert truth is not None and len(truth.states) == len(ran.summary.recording.frames)
+    assert "pulling" in ran.stderr
+    assert "joint kind" in ran.stdout
+
+
+def digits(posterior: dict) -> str:
+    """Every digit of a posterior but the seconds that it took."""
+    return json.dumps({k: v for k, v in posterior.items() if k != "time_s"})
+
+
+def fitted(recording: Path, *more: str) -> dict:
+    out = recording.parent / "fit.json"
+    assert main(["fit", str(recording), "--json", str(out), *more]) == 0
+    return json.loads(out.read_text())
+
+
+def test_fit_gives_the_posterior_of_the_episode_again_digit_by_digit(drawer, capsys):
+    again = fitted(drawer.folder / "recording")
+    assert again["kind"] == "prismatic"
+    assert digits(again) == digits(json.loads((drawer.folder / "posterior.json").read_text()))
+    assert digits(again) == digits(drawer.json["posterior"])
+
+
+def test_the_recording_holds_what_the_episode_saw(drawer):
+    got, want = read_recording(drawer.folder / "recording"), drawer.summary.recording
+    assert got.grasp_frames == want.grasp_frames == (0, len(want.frames) - 1)
+    for a, b in zip(got.frames, want.frames, strict=True):
+        assert (a.stamp_s, a.camera) == (b.stamp_s, b.camera)
+        assert a.rgb.tobytes() == b.rgb.tobytes()
+        np.testing.assert_array_equal(a.depth_m, b.depth_m)
+        np.testing.assert_array_equal(a.T_world_cam.matrix(), b.T_world_cam.matrix())
+    for A, B in zip(got.T_world_gripper, want.T_world_gripper, strict=True):
+        np.testing.assert_array_equal(A.matrix(), B.matrix())
+
+
+def test_fit_takes_the_frames_that_an_episode_had_when_it_modelled(drawer, capsys):
+    turn, n = drawer.summary.closed_loop_frame, len(drawer.summary.recording.frames)
+    again = fitted(drawer.folder / "recording", "--frames", str(turn))
+    assert len(again["states"]["mean"]) == turn
+    first = drawer.summary.rounds[0]
+    assert again["states"]["mean"][-1] == first.state_mean
+    assert again["states"]["sd"][-1] == first.state_sd
+    assert main(["fit", str(drawer.folder / "recording"), "--frames", "99"]) == 2
+    assert f"2 to {n} frames" in capsys.readouterr().err
+
+
+RUN = """
+import sys
+from pathlib import Path
+from akm_fg.cli.demo import DemoArguments, DemoSetting, demo
+from akm_fg.closed_loop import EpisodeConfig
+
+demo(DemoArguments("door", None, 5, Path(sys.argv[1])), DemoSetting(EpisodeConfig(), 0.5))
+"""
+
+
+def hashes(folder: Path) -> dict[str, str]:
+    """Of every file."""
+    files = sorted(path for path in folder.rglob("*") if path.is_file())
+    return {str(f.relative_to(folder)): hashlib.sha256(f.read_bytes()).hexdigest() for f in files}
+
+
+@pytest.mark.slow
+def test_the_same_seed_gives_the_same_files_in_every_process(tmp_path):
+    found = []
+    for hash_seed in ("1", "77"):  # of Python's own sets and dictionaries
+        out = tmp_path / hash_seed
+        env = {**os.environ, "PYTHONHASHSEED": hash_seed}
+        subprocess.run([sys.executable, "-c", RUN, str(out)], check=True, env=env)
+        found.append(hashes(_only_folder(out) / "recording"))
+    assert "recording.json" in found[0] and len(found[0]) > 40
+    assert found[0] == found[1]
 
 
 def test_an_interrupted_demo_leaves_what_was_recorded_readable(tmp_path, monkeypatch, capfd):

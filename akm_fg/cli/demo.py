@@ -2,36 +2,30 @@
 
 from __future__ import annotations
 
-import dataclasses
 import importlib.util
 import json as json_module
 import sys
 import time
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from akm_fg import __version__
 from akm_fg.cli.exit_codes import DONE, GOAL_NOT_REACHED, INTERRUPTED
+from akm_fg.cli.object_argument import ObjectArgument, parse_object
 from akm_fg.cli.output import json_output, write_line
-from akm_fg.cli.target import parse_target
+from akm_fg.cli.target import Unit, parse_target
 from akm_fg.errors import GraspFailed, InputError, MissingDependency, OutputError
-from akm_fg.records import JointTruth
 
 if TYPE_CHECKING:
-    import gtsam
-
-    from akm_fg.closed_loop import Episode, EpisodeConfig
-    from akm_fg.io.recording_writer import RecordingWriter
-    from akm_fg.records import RgbdFrame
+    from akm_fg.closed_loop import EpisodeConfig
     from akm_fg.report.summary import RunSummary
-    from sim.episode import SimEpisode
+    from sim.objects import PartSpec
 
-_DEFAULT_TARGET = {"door": "35deg", "drawer": "0.20"}
-_UNIT_OF = {"door": "rad", "drawer": "m"}
-_KIND_OF_UNIT = {"rad": "revolute", "m": "prismatic"}
+_USUAL_TARGET_M = 0.20
+_USUAL_TARGET_RAD = float(np.deg2rad(35.0))
+_SHARE_OF_RANGE = 0.8  # of a range that ends before the usual target
 
 
 @dataclass(frozen=True)
@@ -43,12 +37,13 @@ class DemoArguments:
     and report.html. The exit code is 1 when the target was not reached.
     """
 
-    object: Literal["door", "drawer"] = "door"
-    """What the robot meets."""
+    object: str = "door"
+    """What the robot meets: door, drawer, or SUITE/NAME (akm-fg objects lists them)."""
     target: str | None = None
-    """Opening to reach from closed: metres (0.25) for the drawer, degrees (35deg) for the door."""
+    """Opening to reach from closed: metres (0.25) where it slides, degrees (35deg) where it
+    turns."""
     seed: int = 0
-    """Of the object, the camera's noise and the estimator's sampling."""
+    """Of the object and the camera's noise."""
     out: Path = Path("runs")
     """Folder in which the run's own folder is made."""
     json: str | None = None
@@ -63,35 +58,6 @@ class DemoSetting:
     image_scale: float = 1.0  # of 640 x 480 pixels
 
 
-class _Reporter:
-    """Writes frames and true states as they come, and says what happens."""
-
-    def __init__(self, writer: RecordingWriter, world: SimEpisode) -> None:
-        self._writer, self._world = writer, world
-        self._began = time.perf_counter()
-        self.truths: list[JointTruth] = []
-
-    def frame(self, frame: RgbdFrame, T_world_gripper: gtsam.Pose3) -> None:
-        """Keep the frame; the truth goes beside it, for scoring alone."""
-        self._writer.add(frame, T_world_gripper=T_world_gripper)
-        self.truths.append(self._world.truth())
-        if sys.stderr.isatty():
-            print(f"\r\033[K  frame {len(self.truths)}", end="", file=sys.stderr, flush=True)
-
-    def stage(self, words: str) -> None:
-        """Say what comes next, and when."""
-        start = "\r\033[K" if sys.stderr.isatty() else ""
-        seconds = time.perf_counter() - self._began
-        print(f"{start}{seconds:6.1f} s  {words}", file=sys.stderr, flush=True)
-
-    def truth(self) -> JointTruth | None:
-        """The true joint, one state a frame."""
-        if not self.truths:
-            return None
-        states = np.array([float(truth.states[-1]) for truth in self.truths])
-        return dataclasses.replace(self.truths[-1], states=states)
-
-
 def demo(arguments: DemoArguments, setting: DemoSetting | None = None) -> int:
     """Run the command; tests hand in a smaller setting.
 
@@ -101,12 +67,27 @@ def demo(arguments: DemoArguments, setting: DemoSetting | None = None) -> int:
         OutputError: the run's folder cannot be written.
     """
     began, setting = time.perf_counter(), setting or DemoSetting()
-    target, unit = _target(arguments)
+    wanted = None if arguments.target is None else parse_target(arguments.target)
     _require_simulator()
+    from akm_fg.cli.simulated_run import RunRequest, run_in_simulator
+    from akm_fg.closed_loop import EpisodeConfig
+
+    thing = parse_object(arguments.object)
+    target = _target(arguments, wanted, thing.spec(arguments.seed))
     with json_output(arguments.json) as stream:
-        folder = _make_folder(arguments)
+        folder = _make_folder(arguments.out, f"{thing.label}-{arguments.seed}")
         try:
-            summary, interrupted = _run(arguments, folder, {_KIND_OF_UNIT[unit]: target}, setting)
+            summary, interrupted = run_in_simulator(
+                RunRequest(
+                    object=thing,
+                    seed=arguments.seed,
+                    target=target,
+                    folder=folder,
+                    command=_command(arguments, thing),
+                    config=setting.episode or EpisodeConfig(),
+                    image_scale=setting.image_scale,
+                )
+            )
         except GraspFailed as error:
             print(f"akm-fg: {error}", file=sys.stderr)
             return GOAL_NOT_REACHED
@@ -121,16 +102,6 @@ def demo(arguments: DemoArguments, setting: DemoSetting | None = None) -> int:
     return DONE if summary.claims_reached else GOAL_NOT_REACHED
 
 
-def _target(arguments: DemoArguments) -> tuple[float, str]:
-    target, unit = parse_target(arguments.target or _DEFAULT_TARGET[arguments.object])
-    if unit != _UNIT_OF[arguments.object]:
-        wanted = "degrees (35deg)" if arguments.object == "door" else "metres (0.25)"
-        raise InputError(
-            "--target", f"{arguments.target} is not for a {arguments.object}", f"{wanted}"
-        )
-    return target, unit
-
-
 def _require_simulator() -> None:
     absent = [m for m in ("pybullet", "pinocchio") if importlib.util.find_spec(m) is None]
     if absent:
@@ -139,95 +110,44 @@ def _require_simulator() -> None:
         )
 
 
-def _make_folder(arguments: DemoArguments) -> Path:
-    stamp = time.strftime("%Y%m%d-%H%M%S")
-    base = arguments.out / f"{stamp}-{arguments.object}-{arguments.seed}"
+def _target(
+    arguments: DemoArguments, wanted: tuple[float, Unit] | None, spec: PartSpec
+) -> dict[str, float]:
+    """Wanted state of the object's kind of joint: what was asked for, or what is in its range."""
+    turns = spec.kind == "revolute"
+    if wanted is None:
+        usual = _USUAL_TARGET_RAD if turns else _USUAL_TARGET_M
+        return {spec.kind: min(usual, _SHARE_OF_RANGE * spec.upper)}
+    target, unit = wanted
+    if unit != ("rad" if turns else "m"):
+        raise InputError(
+            "--target",
+            f"{arguments.target} is not for {arguments.object}, whose joint is {spec.kind}",
+            "degrees (35deg)" if turns else "metres (0.25)",
+        )
+    return {spec.kind: target}
+
+
+def _command(arguments: DemoArguments, thing: ObjectArgument) -> str:
+    target = "" if arguments.target is None else f" --target {arguments.target}"
+    return f"akm-fg demo {thing.words} --seed {arguments.seed}{target}"
+
+
+def _make_folder(out: Path, name: str) -> Path:
+    base = out / f"{time.strftime('%Y%m%d-%H%M%S')}-{name}"
     for attempt in range(100):
         folder = base if attempt == 0 else base.with_name(f"{base.name}-{attempt}")
         try:
             folder.mkdir(parents=True)
             return folder
         except FileExistsError:
-            if arguments.out.exists() and not arguments.out.is_dir():
+            if out.exists() and not out.is_dir():
                 break
         except OSError as error:
             raise OutputError(
                 f"{folder}: cannot be made ({error.strerror}); expected a writable folder"
             ) from error
-    raise OutputError(f"{arguments.out}: is not a folder to write runs into")
-
-
-def _run(
-    arguments: DemoArguments, folder: Path, target: dict[str, float], setting: DemoSetting
-) -> tuple[RunSummary, bool]:
-    """The episode; what was recorded stays readable whenever it is interrupted."""
-    from akm_fg.closed_loop import Episode, EpisodeConfig, Task, run_episode
-    from akm_fg.io.recording_writer import RecordingWriter
-    from sim.camera import CameraConfig
-    from sim.episode import open_world
-
-    name = f"{arguments.object}-{arguments.seed}"
-    config = setting.episode or EpisodeConfig()
-    episode, interrupted = Episode(), False
-    camera = CameraConfig().scaled(setting.image_scale)
-    with (
-        open_world(arguments.object, arguments.seed, camera_config=camera) as world,
-        RecordingWriter(folder / "recording") as writer,
-    ):
-        reporter = _Reporter(writer, world)
-        task = Task(name, world.T_world_grasp, world.pull_direction_world, target, arguments.seed)
-        try:
-            run_episode(world.arm, world.camera, task, episode, reporter, config)
-        except KeyboardInterrupt:
-            interrupted = True
-            episode.failure = "interrupted"
-        truth = reporter.truth()
-        if truth is None:  # it ended before the first frame
-            if interrupted:
-                raise KeyboardInterrupt
-            raise GraspFailed(f"{name}: {episode.failure}; nothing was recorded")
-        writer.set_truth(truth)
-        writer.set_grasp_frames(0, len(episode.frames) - 1)
-        final_state = float(world.truth().states[-1])
-    return _summary(arguments, episode, truth, final_state, target, name, config), interrupted
-
-
-def _summary(
-    arguments: DemoArguments,
-    episode: Episode,
-    truth: JointTruth,
-    final_state: float,
-    target: dict[str, float],
-    name: str,
-    config: EpisodeConfig,
-) -> RunSummary:
-    from akm_fg.report.summary import Goal, PartTracks, RunSummary
-
-    fit = episode.fit
-    kind, wanted = next(iter(target.items()))
-    command = f"akm-fg demo --object {arguments.object} --seed {arguments.seed}"
-    if arguments.target is not None:
-        command += f" --target {arguments.target}"
-    return RunSummary(
-        title=name,
-        command=command,
-        seed=arguments.seed,
-        version=__version__,
-        recording=episode.recording(name),
-        tracks=None
-        if fit is None
-        else PartTracks(
-            fit.observed.pixels, fit.observed.segmentation.moving, fit.observed.segmentation.static
-        ),
-        posterior=None if fit is None else fit.posterior,
-        truth=truth,
-        goal=Goal(wanted, config.tolerance(kind), "m" if kind == "prismatic" else "rad"),
-        rounds=tuple(episode.rounds),
-        final_state_true=final_state - float(truth.states[0]),
-        closed_loop_frame=episode.closed_loop_frame,
-        time_s=dict(episode.time_s),
-        failure=episode.failure,
-    )
+    raise OutputError(f"{out}: is not a folder to write runs into")
 
 
 def _write(folder: Path, summary: RunSummary) -> None:

@@ -33,6 +33,9 @@ class FitArguments:
     grasp: bool = False
     """Use where the gripper was while it held, in recordings that say so (T_world_gripper and
     grasp_frames); otherwise the images alone count."""
+    frames: int | None = None
+    """Take this many frames from the beginning of each recording, as an episode did that modelled
+    before it went on; all if absent."""
 
 
 def fit(arguments: FitArguments) -> int:
@@ -50,7 +53,7 @@ def fit(arguments: FitArguments) -> int:
             for number, path in enumerate(arguments.inputs, 1):
                 _show_progress(number, len(arguments.inputs), path)
                 try:
-                    posterior = _fit_one(path, arguments.seed, arguments.grasp)
+                    posterior = _fit_one(path, arguments)
                 except OutputError:
                     raise
                 except AkmError as error:
@@ -72,13 +75,13 @@ def fit(arguments: FitArguments) -> int:
     return code
 
 
-def _fit_one(path: Path, seed: int, grasp: bool) -> ArticulationPosterior:
+def _fit_one(path: Path, arguments: FitArguments) -> ArticulationPosterior:
     from akm_fg.estimation.config import FitConfig, GraspConfig
     from akm_fg.io.inputs import read_input
     from akm_fg.pipeline import fit_input
 
-    config = FitConfig(grasp=GraspConfig() if grasp else None)
-    return fit_input(read_input(path), str(path), seed, config)
+    config = FitConfig(grasp=GraspConfig() if arguments.grasp else None)
+    return fit_input(read_input(path, arguments.frames), str(path), arguments.seed, config)
 
 
 def _line(posterior: ArticulationPosterior) -> str:

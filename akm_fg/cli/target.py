@@ -8,7 +8,9 @@ from typing import Literal
 
 from akm_fg.errors import InputError
 
-_FACTOR: dict[str, tuple[float, Literal["m", "rad"]]] = {
+Unit = Literal["m", "rad"]
+
+_FACTOR: dict[str, tuple[float, Unit]] = {
     "": (1.0, "m"),
     "m": (1.0, "m"),
     "cm": (0.01, "m"),
@@ -18,7 +20,7 @@ _FACTOR: dict[str, tuple[float, Literal["m", "rad"]]] = {
 }
 
 
-def parse_target(text: str) -> tuple[float, Literal["m", "rad"]]:
+def parse_target(text: str) -> tuple[float, Unit]:
     """The state and its unit.
 
     Raises:

@@ -16,11 +16,16 @@ POSE_LOG_SUFFIXES = (".log", ".txt", ".dat")
 WHAT = "a recording folder, tracks (.npz), or a pose log (" + ", ".join(POSE_LOG_SUFFIXES) + ")"
 
 
-def read_input(path: Path) -> FitInput:
+def read_input(path: Path, first_frames: int | None = None) -> FitInput:
     """Read a recording (folder), tracks (.npz) or a pose log (.log, .txt, .dat).
 
+    Args:
+        path: of the input.
+        first_frames: take so many from a recording's beginning and no more; None: all.
+
     Raises:
-        InputError: it does not exist, is none of the three, or is broken.
+        InputError: it does not exist, is none of the three, or is broken; or frames are asked for
+            from what is no recording.
     """
     path = Path(path)
     try:
@@ -30,7 +35,9 @@ def read_input(path: Path) -> FitInput:
     if not exists:
         raise InputError(path, "does not exist", WHAT)
     if is_folder:
-        return read_recording(path)
+        return read_recording(path, first_frames=first_frames)
+    if first_frames is not None:
+        raise InputError(path, "has no frames to choose from", "a recording folder with --frames")
     if path.suffix.lower() == ".npz":
         return read_tracks(path)
     if path.suffix.lower() in POSE_LOG_SUFFIXES:

@@ -11,11 +11,11 @@ from pathlib import Path
 from typing import Any, cast
 
 import numpy as np
-from numpy.typing import NDArray
 
 from akm_fg.errors import InputError
 from akm_fg.io.json_fields import Fields, load_json_object
 from akm_fg.io.png import read_depth_raw, read_mask, read_rgb
+from akm_fg.io.recording_depth import depth_from_raw
 from akm_fg.records import (
     BoolArray,
     FloatArray,
@@ -102,47 +102,55 @@ def _grasp_frames(fields: Fields, n: int) -> tuple[int, int] | None:
     return int(first), int(last)
 
 
-def depth_from_raw(raw: NDArray[np.uint16], depth_unit_m: float) -> NDArray[np.float32]:
-    """Metres (H, W) of a stored depth image; NaN where it holds 0."""
-    depth_m = (raw * np.float64(depth_unit_m)).astype(np.float32)
-    depth_m[raw == 0] = np.nan
-    return depth_m
-
-
-def read_recording(folder: Path, min_frames: int = 2) -> Recording:
-    """Read a whole recording without its truth.
+def read_recording(folder: Path, min_frames: int = 2, first_frames: int | None = None) -> Recording:
+    """Read a recording without its truth.
 
     Args:
         folder: the recording's folder.
         min_frames: fewest frames that make sense to the caller; a fit needs two.
+        first_frames: read so many from its beginning and no more; None: all.
 
     Raises:
-        InputError: anything that is missing, damaged or contradicts itself.
+        InputError: anything that is missing, damaged or contradicts itself, or too short.
     """
     folder = Path(folder)
     fields = _open(folder)
-    camera = _camera(fields)
-    depth_unit_m = fields.positive("depth_unit_m")
-    T_world_cam = fields.pose("T_world_cam")
     stamps_s = _stamps(fields, min_frames)
     n = len(stamps_s)
     grips = fields.poses("T_world_gripper", n) if fields.has("T_world_gripper") else None
     grasp_frames = _grasp_frames(fields, n)
-    channels = ["rgb", "depth"] + (["mask"] if (folder / "mask").is_dir() else [])
-    for channel in channels:
-        _check_numbering(folder, channel, n)
+    take = n if first_frames is None else first_frames
+    if not min_frames <= take <= n:
+        expected = f"{min_frames} to {n} frames, as many as the recording has"
+        raise InputError(folder, f"was asked for its first {take} frames", expected)
+    frames, masks = _read_images(folder, fields, stamps_s, take)
+    if grasp_frames is not None:
+        held = grasp_frames[0], min(grasp_frames[1], take - 1)
+        grasp_frames = held if held[0] <= held[1] else None
+    name = folder.name or folder.resolve().name
+    return Recording(name, frames, masks, None if grips is None else grips[:take], grasp_frames)
+
+
+def _read_images(
+    folder: Path, fields: Fields, stamps_s: FloatArray, take: int
+) -> tuple[tuple[RgbdFrame, ...], tuple[BoolArray, ...] | None]:
+    """The first `take` frames, and their object masks where there are any."""
+    camera, T_world_cam = _camera(fields), fields.pose("T_world_cam")
+    depth_unit_m = fields.positive("depth_unit_m")
+    has_masks = (folder / "mask").is_dir()
+    for channel in ("rgb", "depth", "mask")[: 3 if has_masks else 2]:
+        _check_numbering(folder, channel, len(stamps_s))
     size = (camera.width, camera.height)
     frames, masks = [], []
-    for i, stamp_s in enumerate(stamps_s):
+    for i, stamp_s in enumerate(stamps_s[:take]):
         rgb = read_rgb(frame_file(folder, "rgb", i), *size)
-        raw = read_depth_raw(frame_file(folder, "depth", i), *size)
-        depth_m = depth_from_raw(raw, depth_unit_m)
+        depth_m = depth_from_raw(
+            read_depth_raw(frame_file(folder, "depth", i), *size), depth_unit_m
+        )
         frames.append(RgbdFrame(float(stamp_s), rgb, depth_m, camera, T_world_cam))
-        if "mask" in channels:
+        if has_masks:
             masks.append(read_mask(frame_file(folder, "mask", i), *size))
-    object_masks: tuple[BoolArray, ...] | None = tuple(masks) or None
-    name = folder.name or folder.resolve().name
-    return Recording(name, tuple(frames), object_masks, grips, grasp_frames)
+    return tuple(frames), tuple(masks) or None
 
 
 def _direction(truth: Fields) -> FloatArray:

@@ -7,6 +7,7 @@ interrupt leaves at most one image that the description does not list (the reade
 from __future__ import annotations
 
 import json
+from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
@@ -16,23 +17,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from akm_fg.errors import OutputError
+from akm_fg.io.json_fields import EXACT_TOLERANCE
 from akm_fg.io.png import replace_file, write_png
+from akm_fg.io.recording_depth import DEPTH_UNIT_M, depth_to_raw
 from akm_fg.io.recording_reader import SCHEMA, frame_file, truth_as_json
-from akm_fg.records import BoolArray, JointTruth, Recording, RgbdFrame
-
-DEPTH_UNIT_M = 1e-4
-"""Default unit of stored depth. 16 bits then reach 6.55 m, beyond what a stereo camera of 95 mm
-baseline measures to 5 cm, and the rounding (0.03 mm rms) is below a thirtieth of its noise.
-RealSense's own unit is 1 mm."""
-
-RAW_MAX = np.iinfo(np.uint16).max
+from akm_fg.records import BoolArray, FloatArray, JointTruth, Recording, RgbdFrame
 
 
-def depth_to_raw(depth_m: NDArray[np.float32], depth_unit_m: float) -> NDArray[np.uint16]:
-    """Depth (H, W) in whole units; 0 where unknown, not positive, or beyond 16 bits."""
-    units = np.rint(depth_m.astype(np.float64) / depth_unit_m)
-    known = np.isfinite(units) & (units > 0) & (units <= RAW_MAX)
-    return np.where(known, units, 0).astype(np.uint16)
+@dataclass(frozen=True, slots=True)
+class _Written:
+    """What `recording.json` says of one frame."""
+
+    stamp_s: float
+    T_world_gripper: FloatArray | None  # (4, 4)
+    has_mask: bool
 
 
 class RecordingWriter:
@@ -42,7 +40,8 @@ class RecordingWriter:
             writer.add(camera.capture(), T_world_gripper=arm.T_world_gripper())
 
     The first frame sets the camera and its pose, and whether there are masks and gripper poses;
-    the others must agree.
+    the others must agree. Depth is rounded to whole units; everything else comes back as it is,
+    and so does the depth of frames that are `as_stored`.
     """
 
     def __init__(self, folder: Path, depth_unit_m: float = DEPTH_UNIT_M) -> None:
@@ -57,9 +56,7 @@ class RecordingWriter:
         self._folder = Path(folder)
         self._depth_unit_m = float(depth_unit_m)
         self._first: RgbdFrame | None = None
-        self._stamps_s: list[float] = []
-        self._grips: list[gtsam.Pose3] = []
-        self._n_masks = 0
+        self._written: list[_Written] = []
         self._grasp_frames: tuple[int, int] | None = None
         self._truth: JointTruth | None = None
         try:
@@ -82,7 +79,7 @@ class RecordingWriter:
             part.unlink(missing_ok=True)
 
     def __len__(self) -> int:
-        return len(self._stamps_s)
+        return len(self._written)
 
     def add(
         self,
@@ -97,7 +94,7 @@ class RecordingWriter:
             OutputError: the disk refuses.
         """
         self._check(frame, object_mask, T_world_gripper)
-        i = len(self._stamps_s)
+        i = len(self)
         images: dict[str, NDArray[Any]] = {
             "rgb": frame.rgb,
             "depth": depth_to_raw(frame.depth_m, self._depth_unit_m),
@@ -108,11 +105,10 @@ class RecordingWriter:
             path = frame_file(self._folder, channel, i)
             self._make(path.parent)
             write_png(path, image)
-        self._first = self._first or frame
-        self._stamps_s.append(float(frame.stamp_s))
-        self._n_masks += object_mask is not None
-        if T_world_gripper is not None:
-            self._grips.append(T_world_gripper)
+        self._first = self._first if self._written else frame
+        grip = None if T_world_gripper is None else T_world_gripper.matrix()
+        # One step, so that an interrupt finds either all of a frame or nothing.
+        self._written.append(_Written(float(frame.stamp_s), grip, object_mask is not None))
         self._describe()
 
     def set_grasp_frames(self, first: int, last: int) -> None:
@@ -121,7 +117,7 @@ class RecordingWriter:
         Raises:
             ValueError: outside the frames written so far.
         """
-        if not 0 <= first <= last < len(self._stamps_s):
+        if not 0 <= first <= last < len(self):
             raise ValueError(f"grasp_frames ({first}, {last}) outside 0..{len(self) - 1}")
         self._grasp_frames = (int(first), int(last))
         self._describe()
@@ -132,7 +128,7 @@ class RecordingWriter:
         Raises:
             ValueError: the number of states is not that of the frames written so far.
         """
-        if truth.states.shape != (len(self._stamps_s),):
+        if truth.states.shape != (len(self),):
             raise ValueError(f"{truth.states.shape} true states, {len(self)} frames")
         self._truth = truth
         self._describe()
@@ -150,33 +146,37 @@ class RecordingWriter:
             raise ValueError(f"mask {object_mask.shape}, expected {frame.depth_m.shape}")
         if not np.isfinite(frame.stamp_s):
             raise ValueError(f"stamp_s is {frame.stamp_s}, must be finite")
-        if self._first is None:
+        _check_pose("T_world_gripper", grip)
+        if self._first is None or not self._written:
+            _check_pose("T_world_cam", frame.T_world_cam)
             return
+        last = self._written[-1]
         if frame.camera != self._first.camera:
             raise ValueError(f"camera {frame.camera}, but the first frame has {self._first.camera}")
-        if not frame.T_world_cam.equals(self._first.T_world_cam, 1e-9):
+        if not frame.T_world_cam.equals(self._first.T_world_cam, 0.0):
             raise ValueError("T_world_cam differs from the first frame's; the camera is fixed")
-        if frame.stamp_s <= self._stamps_s[-1]:
-            raise ValueError(f"stamp_s {frame.stamp_s} after {self._stamps_s[-1]}, must grow")
-        if (object_mask is not None) != (self._n_masks > 0):
+        if frame.stamp_s <= last.stamp_s:
+            raise ValueError(f"stamp_s {frame.stamp_s} after {last.stamp_s}, must grow")
+        if (object_mask is not None) != last.has_mask:
             raise ValueError("either every frame has an object mask or none")
-        if (grip is not None) != (len(self._grips) > 0):
+        if (grip is not None) != (last.T_world_gripper is not None):
             raise ValueError("either every frame has a gripper pose or none")
 
     def _describe(self) -> None:
         assert self._first is not None  # add() comes before everything that describes
         camera = self._first.camera
         names = ("width", "height", "fx", "fy", "cx", "cy")
-        grips = [T.matrix().tolist() for T in self._grips] or None
+        poses = [w.T_world_gripper for w in self._written]
+        grips = [T.tolist() for T in poses if T is not None] or None
         truth = self._truth
-        if truth is not None and len(truth.states) != len(self._stamps_s):
+        if truth is not None and len(truth.states) != len(self):
             truth = None  # frames were added since: its states no longer match
         description = {
             "schema": SCHEMA,
             "camera": {name: getattr(camera, name) for name in names},
             "depth_unit_m": self._depth_unit_m,
             "T_world_cam": self._first.T_world_cam.matrix().tolist(),
-            "stamps_s": self._stamps_s,
+            "stamps_s": [w.stamp_s for w in self._written],
             "T_world_gripper": grips,
             "grasp_frames": None if self._grasp_frames is None else list(self._grasp_frames),
             "truth": None if truth is None else truth_as_json(truth),
@@ -185,13 +185,23 @@ class RecordingWriter:
         replace_file(self._folder / "recording.json", text.encode())
 
 
+def _check_pose(name: str, pose: gtsam.Pose3 | None) -> None:
+    """Refuse what a reader would have to mend: poses come back exactly as they were written."""
+    if pose is None:
+        return
+    T = pose.matrix()
+    defect = float(np.abs(T[:3, :3].T @ T[:3, :3] - np.eye(3)).max())
+    if not (np.isfinite(T).all() and defect <= EXACT_TOLERANCE):
+        raise ValueError(f"{name} is not a rigid transform (R^T R is off by {defect:.2g})")
+
+
 def write_recording(
     folder: Path,
     recording: Recording,
     truth: JointTruth | None = None,
     depth_unit_m: float = DEPTH_UNIT_M,
 ) -> None:
-    """Write a whole recording to a new folder; exact up to the rounding of depth.
+    """Write a whole recording to a new folder; as `RecordingWriter`.
 
     Raises:
         ValueError: the frames differ in camera or do not grow in time.

@@ -1,12 +1,21 @@
 """The closed loop's decisions, with an arm and a camera that exist on paper only."""
 
+from dataclasses import replace
+
 import gtsam
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
 import akm_fg.closed_loop as closed_loop
-from akm_fg.closed_loop import Episode, EpisodeConfig, Task, probability_within, run_episode
+from akm_fg.closed_loop import (
+    Episode,
+    EpisodeConfig,
+    Look,
+    Task,
+    probability_within,
+    run_episode,
+)
 from akm_fg.errors import GraspFailed, NoMotionObserved
 from akm_fg.estimation.posterior import (
     ArticulationPosterior,
@@ -62,7 +71,7 @@ class Quiet:
     def __init__(self):
         self.frames, self.stages = 0, []
 
-    def frame(self, frame, T_world_gripper):
+    def looked(self, look):
         self.frames += 1
 
     def stage(self, words):
@@ -72,7 +81,7 @@ class Quiet:
 @pytest.fixture
 def run(monkeypatch):
     def _run(world, target=0.2, state_sd=0.001, kind="prismatic"):
-        def fit(recording, seed):
+        def fit(recording):
             n = len(recording.frames)
             mean, sd = np.full(n, world.state), np.full(n, state_sd)
             joint = JointPosterior(kind, np.eye(4), np.eye(6) * 1e-6, ())
@@ -103,7 +112,7 @@ def test_a_drawer_that_follows_is_at_its_target_after_one_round(run):
     assert [r.commanded for r in episode.rounds] == [None, 0.2]
     assert_allclose(world.state, 0.2, atol=1e-6)
     assert episode.rounds[-1].p_within_tolerance > 0.95
-    assert observer.frames == len(episode.frames)
+    assert observer.frames == len(episode.looks)
     assert episode.closed_loop_frame is not None
 
 
@@ -141,7 +150,7 @@ def test_no_motion_is_told(run, monkeypatch):
     real = closed_loop._drive
 
     def drive(arm, watch, task, config):
-        def fit(recording, seed):
+        def fit(recording):
             raise NoMotionObserved("x: nothing moved")
 
         monkeypatch.setattr(closed_loop, "fit_recording", fit)
@@ -150,3 +159,33 @@ def test_no_motion_is_told(run, monkeypatch):
     monkeypatch.setattr(closed_loop, "_drive", drive)
     episode, _ = run(world)
     assert episode.failure == "x: nothing moved"
+
+
+def test_an_episode_works_on_depth_that_a_recording_can_hold(run):
+    world = PaperDrawer()
+    real = world.capture
+
+    def capture():
+        frame = real()
+        return replace(frame, depth_m=frame.depth_m * np.float32(1.00003))
+
+    world.capture = capture
+    episode, _ = run(world)
+    assert {float(d) for look in episode.looks for d in look.frame.depth_m.flat} == {1.0}
+
+
+@pytest.mark.parametrize(
+    ("holding", "expected"),
+    [
+        ("", None),
+        ("..", None),
+        ("xx", (0, 1)),
+        ("xx..", (0, 1)),
+        (".xxx.", (1, 3)),
+        ("x..xx", (0, 0)),
+    ],
+)
+def test_grasp_frames_are_the_first_stretch_in_which_the_gripper_holds(holding, expected):
+    frame = PaperDrawer().capture()
+    looks = [Look(frame, gtsam.Pose3(), mark == "x") for mark in holding]
+    assert Episode(looks).grasp_frames == expected

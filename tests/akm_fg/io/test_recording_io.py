@@ -3,6 +3,7 @@
 import json
 import struct
 import zlib
+from dataclasses import replace
 from pathlib import Path
 
 import cv2
@@ -11,7 +12,14 @@ import numpy as np
 import pytest
 
 from akm_fg.errors import InputError, OutputError
-from akm_fg.io.recording import RecordingWriter, read_recording, read_truth, write_recording
+from akm_fg.io.recording import (
+    RecordingWriter,
+    as_stored,
+    read_recording,
+    read_truth,
+    write_recording,
+)
+from akm_fg.io.recording_depth import depth_from_raw
 from akm_fg.records import JointTruth, PinholeCamera, Recording, RgbdFrame
 
 CAMERA = PinholeCamera(32, 24, 30.5, 30.25, 15.5, 11.5)
@@ -82,6 +90,58 @@ def test_writing_what_was_read_gives_the_same_bytes(tmp_path: Path, depth_unit_m
     assert all_bytes(tmp_path / "a") == all_bytes(tmp_path / "b")
 
 
+@pytest.mark.parametrize("depth_unit_m", [1e-4, 1e-3, 0.00025, 1.25e-4])
+def test_stored_frames_come_back_bit_for_bit(tmp_path: Path, depth_unit_m: float) -> None:
+    raw = make_recording()
+    frames = tuple(as_stored(frame, depth_unit_m) for frame in raw.frames)
+    assert any((a.depth_m != b.depth_m).any() for a, b in zip(frames, raw.frames, strict=True))
+    write_recording(tmp_path / "a", Recording("a", frames), None, depth_unit_m)
+    for a, b in zip(frames, read_recording(tmp_path / "a").frames, strict=True):
+        assert a.rgb.tobytes() == b.rgb.tobytes()
+        np.testing.assert_array_equal(a.depth_m, b.depth_m)
+        assert a.depth_m.dtype == b.depth_m.dtype
+        np.testing.assert_array_equal(a.T_world_cam.matrix(), b.T_world_cam.matrix())
+
+
+@pytest.mark.parametrize("depth_unit_m", [1e-4, 1e-3, 0.00025, 1.25e-4])
+def test_every_depth_that_a_file_can_hold_stays_as_it_is(depth_unit_m: float) -> None:
+    depth_m = depth_from_raw(np.arange(2**16, dtype=np.uint16).reshape(256, 256), depth_unit_m)
+    camera = PinholeCamera(256, 256, 300.0, 300.0, 127.5, 127.5)
+    rgb = np.zeros((256, 256, 3), np.uint8)
+    frame = RgbdFrame(0.0, rgb, depth_m, camera, T_WORLD_CAM)
+    np.testing.assert_array_equal(as_stored(frame, depth_unit_m).depth_m, depth_m)
+    assert np.isnan(depth_m[0, 0]) and np.isfinite(depth_m).sum() == 2**16 - 1
+
+
+def test_poses_come_back_exactly_however_they_were_composed(tmp_path: Path) -> None:
+    rng = np.random.default_rng(5)
+    turns = rng.normal(size=(40, 2, 3))
+    grips = [
+        gtsam.Pose3(gtsam.Rot3.Expmap(a) * gtsam.Rot3.Expmap(b), rng.normal(size=3))
+        for a, b in turns
+    ]
+    frame = make_recording(1).frames[0]
+    frames = tuple(replace(frame, stamp_s=0.1 * i) for i in range(len(grips)))
+    write_recording(tmp_path / "a", Recording("a", frames, None, tuple(grips)))
+    got = read_recording(tmp_path / "a").T_world_gripper
+    assert got is not None
+    for A, B in zip(got, grips, strict=True):
+        np.testing.assert_array_equal(A.matrix(), B.matrix())
+
+
+def test_the_first_frames_can_be_read_alone(folder: Path) -> None:
+    whole, part = read_recording(folder), read_recording(folder, first_frames=2)
+    assert [f.stamp_s for f in part.frames] == [f.stamp_s for f in whole.frames[:2]]
+    assert part.grasp_frames == (0, 1)
+    assert part.object_masks is not None and len(part.object_masks) == 2
+    assert part.T_world_gripper is not None and len(part.T_world_gripper) == 2
+    edit(folder, grasp_frames=[2, 2])
+    assert read_recording(folder, first_frames=2).grasp_frames is None
+    for wrong in (1, 4):
+        with pytest.raises(InputError, match=f"first {wrong} frames; expected 2 to 3 frames"):
+            read_recording(folder, first_frames=wrong)
+
+
 def test_the_truth_comes_back_by_its_own_door(folder: Path) -> None:
     truth = read_truth(folder)
     assert truth is not None
@@ -148,14 +208,37 @@ def test_an_interrupt_between_images_and_description_loses_that_frame_alone(
     writer.add(frames[0])
     writer.add(frames[1])
 
-    def interrupt() -> None:
-        raise KeyboardInterrupt
-
-    monkeypatch.setattr(writer, "_describe", interrupt)
+    monkeypatch.setattr(writer, "_describe", raises_interrupt)
     with pytest.raises(KeyboardInterrupt):
         writer.add(frames[2])
     assert (tmp_path / "a/rgb/000002.png").exists()
     assert len(read_recording(tmp_path / "a").frames) == 2
+
+
+@pytest.mark.parametrize("after", ["_make", "_describe"])
+def test_writing_goes_on_after_an_interrupt_anywhere_in_a_frame(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, after: str
+) -> None:
+    recording = make_recording(3)
+    assert recording.T_world_gripper is not None
+    writer = RecordingWriter(tmp_path / "a")
+    for i, frame in enumerate(recording.frames):
+        with monkeypatch.context() as patch:
+            if i == 1:
+                patch.setattr(writer, after, raises_interrupt)
+                with pytest.raises(KeyboardInterrupt):
+                    writer.add(frame, None, recording.T_world_gripper[i])
+            else:
+                writer.add(frame, None, recording.T_world_gripper[i])
+    n = len(writer)
+    assert n == (2 if after == "_make" else 3)
+    writer.set_truth(make_truth(n))
+    got = read_recording(tmp_path / "a")
+    assert got.T_world_gripper is not None and len(got.T_world_gripper) == n
+
+
+def raises_interrupt(*_: object) -> None:
+    raise KeyboardInterrupt
 
 
 def test_the_writer_refuses_a_used_folder(folder: Path) -> None:
@@ -177,6 +260,16 @@ def test_the_writer_refuses_frames_that_do_not_go_together(tmp_path: Path) -> No
         writer.add(b, T_world_gripper=gtsam.Pose3())
     with pytest.raises(ValueError, match="depth_unit_m"):
         RecordingWriter(tmp_path / "b", depth_unit_m=0)
+
+
+def test_the_writer_refuses_poses_that_a_reader_would_mend(tmp_path: Path) -> None:
+    frame = make_recording(1).frames[0]
+    rounded = np.round(gtsam.Rot3.Rz(0.4).matrix(), 4)
+    pose = gtsam.Pose3(gtsam.Rot3(rounded), np.zeros(3))
+    with pytest.raises(ValueError, match="T_world_gripper is not a rigid transform"):
+        RecordingWriter(tmp_path / "a").add(frame, T_world_gripper=pose)
+    with pytest.raises(ValueError, match="T_world_cam is not a rigid transform"):
+        RecordingWriter(tmp_path / "b").add(replace(frame, T_world_cam=pose))
 
 
 CAMERA_FIELDS = {"width": 32, "height": 24, "fx": 30.5, "fy": 30.25, "cx": 15.5, "cy": 11.5}

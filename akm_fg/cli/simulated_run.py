@@ -1,0 +1,132 @@
+"""One episode in the simulator, recorded as it goes, ready to be reported."""
+
+from __future__ import annotations
+
+import dataclasses
+import sys
+import time
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from akm_fg import __version__
+from akm_fg.cli.object_argument import ObjectArgument
+from akm_fg.closed_loop import Episode, EpisodeConfig, Look, Task, run_episode
+from akm_fg.errors import GraspFailed
+from akm_fg.io.recording_writer import RecordingWriter
+from akm_fg.records import JointTruth
+from akm_fg.report.summary import Goal, PartTracks, RunSummary
+from sim.camera import CameraConfig
+from sim.episode import SimEpisode, open_world
+
+RECORDING = "recording"  # the folder of the recording in the folder of the run
+
+
+@dataclass(frozen=True, slots=True)
+class RunRequest:
+    """What to do with which object."""
+
+    object: ObjectArgument
+    seed: int  # of the object and the camera's noise
+    target: dict[str, float]  # kind -> wanted state relative to the first frame, m or rad
+    folder: Path  # of the run
+    command: str  # that repeats it
+    config: EpisodeConfig
+    image_scale: float  # of 640 x 480 pixels
+
+
+class _Reporter:
+    """Writes frames and true states as they come, and says what happens."""
+
+    def __init__(self, writer: RecordingWriter, world: SimEpisode) -> None:
+        self._writer, self._world = writer, world
+        self._began = time.perf_counter()
+        self.truths: list[JointTruth] = []
+
+    def looked(self, look: Look) -> None:
+        """Keep the frame; the truth goes beside it, for scoring alone."""
+        self.truths.append(self._world.truth())
+        self._writer.add(look.frame, T_world_gripper=look.T_world_gripper)
+        if sys.stderr.isatty():
+            print(f"\r\033[K  frame {len(self.truths)}", end="", file=sys.stderr, flush=True)
+
+    def stage(self, words: str) -> None:
+        """Say what comes next, and when."""
+        start = "\r\033[K" if sys.stderr.isatty() else ""
+        seconds = time.perf_counter() - self._began
+        print(f"{start}{seconds:6.1f} s  {words}", file=sys.stderr, flush=True)
+
+    def truth(self) -> JointTruth | None:
+        """The true joint, one state for each frame that was written."""
+        n = len(self._writer)
+        if n == 0:
+            return None
+        states = np.array([float(truth.states[-1]) for truth in self.truths[:n]])
+        return dataclasses.replace(self.truths[0], states=states)
+
+
+def run_in_simulator(request: RunRequest) -> tuple[RunSummary, bool]:
+    """The episode, and whether it was interrupted; what was recorded stays readable then too.
+
+    Raises:
+        GraspFailed: it ended before the first frame.
+        InputError: the object cannot be loaded.
+        MotionInfeasible: the object has no place at which the arm could open it.
+        OutputError: the recording cannot be written.
+    """
+    episode, interrupted = Episode(), False
+    name = f"{request.object.label}-{request.seed}"
+    camera = CameraConfig().scaled(request.image_scale)
+    recording = request.folder / RECORDING
+    with (
+        open_world(request.object.name, request.seed, camera_config=camera) as world,
+        RecordingWriter(recording) as writer,
+    ):
+        reporter = _Reporter(writer, world)
+        # The recording's name is what `akm-fg fit` calls it, so that the posteriors are the same.
+        contact = world.T_world_grasp, world.pull_direction_world
+        task = Task(str(recording), *contact, request.target)
+        try:
+            run_episode(world.arm, world.camera, task, episode, reporter, request.config)
+        except KeyboardInterrupt:
+            interrupted = True
+            episode.failure = "interrupted"
+        truth = reporter.truth()
+        if truth is None or not episode.looks:
+            if interrupted:
+                raise KeyboardInterrupt
+            raise GraspFailed(f"{name}: {episode.failure}; nothing was recorded")
+        writer.set_truth(truth)
+        if episode.grasp_frames is not None:
+            writer.set_grasp_frames(*episode.grasp_frames)
+        final_state = float(world.truth().states[-1])
+    return _summary(request, name, episode, truth, final_state), interrupted
+
+
+def _summary(
+    request: RunRequest, name: str, episode: Episode, truth: JointTruth, final_state: float
+) -> RunSummary:
+    fit, n = episode.fit, len(episode.looks)
+    kind, wanted = next(iter(request.target.items()))
+    tracks = None
+    if fit is not None:
+        parts = fit.observed.segmentation
+        tracks = PartTracks(fit.observed.pixels, parts.moving, parts.static)
+    turn = episode.closed_loop_frame
+    return RunSummary(
+        title=name,
+        command=request.command,
+        seed=request.seed,
+        version=__version__,
+        recording=episode.recording(RECORDING),
+        tracks=tracks,
+        posterior=None if fit is None else fit.posterior,
+        truth=truth,
+        goal=Goal(wanted, request.config.tolerance(kind), "m" if kind == "prismatic" else "rad"),
+        rounds=tuple(episode.rounds),
+        final_state_true=final_state - float(truth.states[0]),
+        closed_loop_frame=None if turn is None or turn >= n else turn,
+        time_s=dict(episode.time_s),
+        failure=episode.failure,
+    )
