@@ -1,0 +1,73 @@
+"""Views of a board and robot poses to a calibrated camera: checks, OpenCV's start, one graph."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from akm_fg.calibration.checks import doubts, require_square, require_turns, require_views
+from akm_fg.calibration.graph import BOARD, CAM, GraphFit, solve
+from akm_fg.calibration.initial import find_start
+from akm_fg.calibration.records import (
+    INTRINSICS,
+    CalibrationConfig,
+    CalibrationViews,
+    HandEyeCalibration,
+    ViewResidual,
+)
+from akm_fg.records import FloatArray, PinholeCamera
+from factors.board_view import INTRINSICS as CAL3DS2
+
+
+def calibrate(
+    data: CalibrationViews, config: CalibrationConfig | None = None
+) -> HandEyeCalibration:
+    """Estimate intrinsics, the camera's pose and the board's, with their covariances.
+
+    Raises:
+        InputError: too few views, or a board that is not as large as it says.
+        AxisUnobservable: the poses leave a direction of a variable open.
+    """
+    config = config or CalibrationConfig()
+    require_views(data)
+    warnings = require_turns(data, config)
+    start = find_start(data, config)
+    require_square(data, config, start)
+    fit = solve(data, config, start)
+    order = [CAL3DS2.index(name) for name in INTRINSICS]
+    numbers = fit.intrinsics[order]
+    return HandEyeCalibration(
+        name=data.name,
+        camera_place=config.camera_place,
+        camera=PinholeCamera(data.camera.width, data.camera.height, *numbers[:4].tolist()),
+        distortion=numbers[4:],
+        intrinsics_cov=_without_held(fit.intrinsics_cov[np.ix_(order, order)], config),
+        T_mount_cam=fit.values.atPose3(CAM),
+        T_mount_cam_cov=fit.cam_cov,
+        T_holder_board=fit.values.atPose3(BOARD),
+        T_holder_board_cov=fit.board_cov,
+        corner_sd_px=fit.scale_px * float(np.sqrt(config.dof / (config.dof - 2.0))),
+        views=_residuals(data, fit),
+        skipped=data.skipped,
+        warnings=warnings + doubts(data, config, fit),
+    )
+
+
+def _without_held(cov: FloatArray, config: CalibrationConfig) -> FloatArray:
+    """Zero for what was held: the graph holds it by a prior of a millionth of a pixel."""
+    free = 0 if config.fixed_intrinsics else len(INTRINSICS) if config.distortion else 4
+    out = np.zeros_like(cov)
+    out[:free, :free] = cov[:free, :free]
+    return out
+
+
+def _residuals(data: CalibrationViews, fit: GraphFit) -> tuple[ViewResidual, ...]:
+    return tuple(
+        ViewResidual(
+            view.frame,
+            view.uv,
+            error,
+            robot_shift_m=float(np.linalg.norm(robot[3:])),
+            robot_turn_rad=float(np.linalg.norm(robot[:3])),
+        )
+        for view, error, robot in zip(data.views, fit.errors_px, fit.robot_errors, strict=True)
+    )

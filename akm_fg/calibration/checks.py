@@ -1,0 +1,142 @@
+"""Whether the views suffice, and whether they contradict what was stated.
+
+Where all rotations of the robot share one axis a, moving the camera along a and the board along a
+with it changes no image: R_i a is the same in all views (Tsai and Lenz, A new technique for fully
+autonomous and efficient 3D robotics hand/eye calibration, 1989, sec. III).
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy import stats
+
+from akm_fg.calibration.graph import GraphFit
+from akm_fg.calibration.initial import Start, reported_mount_holder
+from akm_fg.calibration.records import CalibrationConfig, CalibrationViews
+from akm_fg.errors import AxisUnobservable, InputError
+from akm_fg.records import FloatArray
+
+LEAST_VIEWS = 3  # two motions; OpenCV's hand-eye methods need as many
+# Root mean square turn of the poses about the axis they turn about least.
+LEAST_TURN_RAD = np.deg2rad(1.0)  # twenty times what an arm repeats to
+WEAK_TURN_RAD = np.deg2rad(8.0)
+SQUARE_TOLERANCE = 0.03  # relative; far above what board poses err by, below any misreading
+WEAK_CAM_M = 2e-3  # standard deviations above which the camera's pose is called weak
+WEAK_CAM_RAD = np.deg2rad(0.2)
+MISFIT_CHANCE = 1e-3  # of calling a sound arm worse than stated
+
+
+def camera_name(config: CalibrationConfig) -> str:
+    """What the camera's pose is called."""
+    return "T_world_cam" if config.camera_place == "fixed" else "T_gripper_cam"
+
+
+def require_views(data: CalibrationViews) -> None:
+    """Refuse fewer views than three.
+
+    Raises:
+        InputError: too few.
+    """
+    n = len(data.views)
+    if n < LEAST_VIEWS:
+        where = f"the board is seen in {n} of {n + len(data.skipped)} images"
+        expected = f"{LEAST_VIEWS} at the very least, 20 or more in different poses"
+        raise InputError(data.name, where, expected)
+
+
+def require_turns(data: CalibrationViews, config: CalibrationConfig) -> tuple[str, ...]:
+    """Refuse poses that turn about fewer than two axes; a warning where they hardly do.
+
+    Raises:
+        AxisUnobservable: the camera's place is open along a line, or everywhere.
+    """
+    R = np.array([T.rotation().matrix() for T in reported_mount_holder(data, config)])
+    off = R - R.mean(axis=0)
+    square, directions = np.linalg.eigh(np.einsum("nji,njk->ik", off, off) / len(R))
+    # A turn by a small angle moves R a by that angle in the two directions across its axis.
+    spread = np.sqrt(np.maximum(square, 0.0))
+    name, advice = camera_name(config), "expected gripper poses that turn by 20 deg or more about "
+    if spread[2] < LEAST_TURN_RAD:
+        raise AxisUnobservable(
+            f"{data.name}: the translation of {name} is open in every direction: the gripper "
+            f"never turns (by {np.rad2deg(spread[2]):.2f} deg); {advice}two axes"
+        )
+    along = R.mean(axis=0) @ directions[:, 0]
+    along = along / np.linalg.norm(along) * np.sign(along[np.abs(along).argmax()])
+    way = "(" + ", ".join(f"{x:.2f}" for x in along + 0.0) + ")"
+    frame = name.split("_")[1]
+    if spread[0] < LEAST_TURN_RAD:
+        raise AxisUnobservable(
+            f"{data.name}: the translation of {name} along {way} in {frame} axes is open: every "
+            f"pose of the gripper turns about that axis alone; {advice}a second axis"
+        )
+    if spread[0] < WEAK_TURN_RAD:
+        return (
+            f"the gripper turns almost about {way} in {frame} axes alone: {name} is weakest "
+            "along it",
+        )
+    return ()
+
+
+def require_square(data: CalibrationViews, config: CalibrationConfig, start: Start) -> None:
+    """Refuse a board whose squares are not as large as the robot's motion says.
+
+    Images alone cannot tell the size of the board. With rotations known, the scale s of the
+    board poses' translations is linear beside both unknown translations:
+    s t_cam_board = R_cam_mount (R_mount_holder t_holder_board + t_mount_holder) + t_cam_mount.
+
+    Raises:
+        InputError: `square_m` is wrong.
+    """
+    R_cam_mount = start.T_mount_cam.rotation().matrix().T
+    rows, right = [], []
+    for T, T_cam_board in zip(reported_mount_holder(data, config), start.T_cam_boards, strict=True):
+        turned = R_cam_mount @ T.rotation().matrix()
+        rows.append(np.column_stack([T_cam_board.translation(), -turned, -np.eye(3)]))
+        right.append(R_cam_mount @ T.translation())
+    scale = float(np.linalg.lstsq(np.vstack(rows), np.concatenate(right), rcond=None)[0][0])
+    if abs(scale - 1.0) > SQUARE_TOLERANCE:
+        said, found = 1e3 * data.board.square_m, 1e3 * scale * data.board.square_m
+        raise InputError(
+            data.name,
+            f"`square_m` says {said:.4g} mm, but by the robot's motion it is {found:.4g} mm",
+            "the side of a square as printed, and robot poses that belong to the images",
+        )
+
+
+def doubts(data: CalibrationViews, config: CalibrationConfig, fit: GraphFit) -> tuple[str, ...]:
+    """What a person should know about a result."""
+    found = []
+    if data.skipped:
+        frames = ", ".join(map(str, data.skipped[:10])) + (
+            ", ..." if len(data.skipped) > 10 else ""
+        )
+        found.append(f"frames without the board, left out: {frames}")
+    if fit.robot_misfit > stats.chi2.ppf(1.0 - MISFIT_CHANCE, fit.robot_misfit_dof):
+        worse = float(np.sqrt(fit.robot_misfit / fit.robot_misfit_dof))
+        found.append(
+            f"robot and images disagree {worse:.1f} times more than the arm's stated "
+            f"{1e3 * config.robot_sd_m:.3g} mm and {np.rad2deg(config.robot_sd_rad):.3g} deg "
+            "allow: the covariances are too small; state what the arm really repeats to, or "
+            "estimate the distortion"
+        )
+    found += _weak_camera(camera_name(config), fit.cam_cov)
+    return tuple(found)
+
+
+def _weak_camera(name: str, cov: FloatArray) -> list[str]:
+    found = []
+    for part, block, limit, factor, unit in (
+        ("rotation", cov[:3, :3], WEAK_CAM_RAD, 180.0 / np.pi, "deg"),
+        ("translation", cov[3:, 3:], WEAK_CAM_M, 1e3, "mm"),
+    ):
+        variances, directions = np.linalg.eigh(block)
+        sd = float(np.sqrt(variances[-1]))
+        if sd > limit:
+            way = ", ".join(f"{x:.2f}" for x in directions[:, -1] + 0.0)
+            kind = "about" if part == "rotation" else "along"
+            found.append(
+                f"{name}: its {part} {kind} ({way}) in camera axes is known to {factor * sd:.2g} "
+                f"{unit} only (standard deviation)"
+            )
+    return found
