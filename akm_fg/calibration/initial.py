@@ -64,10 +64,10 @@ def _views_alone(
     data: CalibrationViews, config: CalibrationConfig
 ) -> tuple[FloatArray, list[gtsam.Pose3]]:
     c = data.camera
-    matrix = np.array([[c.fx, 0.0, c.cx], [0.0, c.fy, c.cy], [0.0, 0.0, 1.0]])
+    matrix: FloatArray = np.array([[c.fx, 0.0, c.cx], [0.0, c.fy, c.cy], [0.0, 0.0, 1.0]])
     points = [p.astype(np.float32) for p in data.p_boards]
     pixels = [view.uv.astype(np.float32) for view in data.views]
-    lens = np.zeros(5)
+    lens: FloatArray = np.zeros(5)
     if not config.fixed_intrinsics:
         flags = cv2.CALIB_USE_INTRINSIC_GUESS | cv2.CALIB_FIX_K3
         if not config.distortion:

@@ -17,6 +17,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     """
     import tyro
 
+    from akm_fg.cli.calibrate import CalibrateArguments, calibrate
     from akm_fg.cli.demo import DemoArguments, demo
     from akm_fg.cli.doctor import DoctorArguments, doctor
     from akm_fg.cli.fit import FitArguments, fit
@@ -31,6 +32,7 @@ def main(argv: Sequence[str] | None = None) -> int:
             "demo": DemoArguments,
             "fit": FitArguments,
             "objects": ObjectsArguments,
+            "calibrate": CalibrateArguments,
             "doctor": DoctorArguments,
         },
         prog="akm-fg",
@@ -46,6 +48,8 @@ def main(argv: Sequence[str] | None = None) -> int:
                 return fit(arguments)
             case ObjectsArguments():
                 return objects(arguments)
+            case CalibrateArguments():
+                return calibrate(arguments)
             case _:
                 return doctor(arguments)
     except AkmError as error:
