@@ -33,21 +33,26 @@ def log_normaliser(dof: float, dim: int) -> float:
     return math.lgamma((dof + dim) / 2) - math.lgamma(dof / 2) - dim / 2 * math.log(dof * math.pi)
 
 
-def covariance_factor(d2: Array, dof: float, dim: int) -> float:
+def covariance_factor(d2: Array, dof: float, dim: int, freedom: float = 1.0) -> float:
     """True covariance of the estimate over the inverse of its weighted Gauss-Newton information.
 
-    The asymptotic covariance of an M-estimator is b / a^2 times the inverse information of unit
-    weights, where a is the mean slope of the influence function and b its mean square (Huber and
-    Ronchetti, Robust Statistics, 2009, sec. 7.6, eq. 7.81); the weighted information is the mean
-    weight times that of unit weights. Measured on the residuals, so it holds whether or not the
-    noise is really Student-t.
+    The covariance of an M-estimator is K^2 b / a^2 times the inverse information of unit weights,
+    where a is the mean slope of the influence function, b its mean square, corrected for the
+    numbers fitted, and K - 1 the share of fitted numbers times the relative variance of the slope
+    (Huber and Ronchetti, Robust Statistics, 2009, sec. 7.6, eqs. 7.81 to 7.83); the weighted
+    information is the mean weight times that of unit weights. Measured on the residuals, so it
+    holds whether or not the noise is really Student-t.
 
     Args:
-        d2: (n,) squared whitened residuals, corrected for the fitted degrees of freedom.
+        d2: (n,) squared whitened residuals, those that the information was weighted by.
         dof: degrees of freedom of the kernel.
         dim: dimension of one error.
+        freedom: share of the errors' squares that the fit has left in the residuals.
     """
-    w = weight(d2, dof, dim)
-    slope = np.mean(w - 2.0 / dim * d2 * (dof + dim) / (dof + d2) ** 2)
-    power = np.mean(w**2 * d2) / dim
-    return float(power * np.mean(w) / slope**2)
+    across = weight(d2, dof, dim)  # slope of the influence function across the error,
+    along = across - 2 * d2 * (dof + dim) / (dof + d2) ** 2  # and along it
+    slope = np.mean((dim - 1) * across + along) / dim
+    variance = np.mean((dim - 1) * across**2 + along**2) / dim - slope**2
+    K = 1 + (1 - freedom) * variance / slope**2
+    power = np.mean(across**2 * d2) / (dim * freedom)
+    return float(K**2 * power * np.mean(across) / slope**2)

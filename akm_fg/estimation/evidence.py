@@ -154,8 +154,8 @@ def temper(fit: KindFit, tau: float, problem: FitProblem) -> KindFit:
     dense = problem.observations.dense
     others: list[tuple[float, FloatArray]] = []
     if dense is not None and fit.dense_cost is not None:
-        d2 = fit.dense_cost.d2[dense.patches.seen] / dense_freedom(dense.patches)
-        of_dense = covariance_factor(d2, problem.config.dof, 1)
+        d2 = fit.dense_cost.d2[dense.patches.seen]
+        of_dense = covariance_factor(d2, problem.config.dof, 1, dense_freedom(dense.patches))
         of_dense *= tau + systematic_readings(fit, problem) / dense.count_as_one
         others.append((of_dense, fit.dense_information))
     if fit.grasp is not None and fit.T_world_joint is not None:

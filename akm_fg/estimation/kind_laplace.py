@@ -67,8 +67,8 @@ def laplace_fit(
     log_flat = log_state_prior(q, guess_metres_per_unit(guess, problem), prior)
     log_states, log_held = _integrated_states(solution, held, log_flat)
     freedom = observations.freedom(fitted)
-    d2 = cost.d2[observations.tracks.observed] / freedom
-    factor = covariance_factor(d2, config.dof, 3) if d2.size else 1.0
+    d2 = cost.d2[observations.tracks.observed]
+    factor = covariance_factor(d2, config.dof, 3, freedom) if d2.size else 1.0
     return KindFit(
         kind=kind,
         T_world_joint=T,
