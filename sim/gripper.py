@@ -10,13 +10,18 @@ from sim.world import SimWorld
 
 @dataclass(frozen=True, slots=True)
 class GripperConfig:
-    """The Franka hand's figures."""
+    """The Franka hand's figures, and how gently it closes."""
 
     force_n: float = 70.0  # continuous grasping force (Franka hand data sheet)
-    speed_m_s: float = 0.05  # of each finger
+    open_m_s: float = 0.05  # of each finger, the hand's largest
+    close_m_s: float = 0.02  # slower, so that touching jerks the arm less than its limit
     open_m: float = 0.04  # travel of each finger
     nothing_m: float = 0.004  # opening below which the fingers have met
-    gear_force_n: float = 200.0  # what the coupling may use to keep the fingers centred
+    seek_n: float = 3.0  # of each finger until both stand: touching with more jerks the arm
+    ramp_n_s: float = 100.0  # from there to the full force
+    touch_m_s: float = 0.002  # a slower finger stands
+    touch_s: float = 0.03  # for this long
+    gear_force_n: float = 200.0  # what the coupling may use: more than both fingers push
 
 
 class SimGripper:
@@ -25,14 +30,22 @@ class SimGripper:
     def __init__(self, world: SimWorld, config: GripperConfig | None = None) -> None:
         self.config = config or GripperConfig()
         self._client, self._robot = world.client, world.robot_id
-        self._fingers = [
+        self.joints = [
             joint_index(self._client, self._robot, f"panda_finger_joint{i}") for i in (1, 2)
         ]
+        self._couple()
+        self.squeezing = False
+        self._force_n = 0.0
+        self._stood_s = 0.0
+        self.open()
+
+    def _couple(self) -> None:
+        """The rack and pinion between the fingers: a gear with ratio -1 keeps them centred."""
         gear = p.createConstraint(
             self._robot,
-            self._fingers[0],
+            self.joints[0],
             self._robot,
-            self._fingers[1],
+            self.joints[1],
             p.JOINT_GEAR,
             [1, 0, 0],
             [0, 0, 0],
@@ -46,33 +59,54 @@ class SimGripper:
             maxForce=self.config.gear_force_n,
             physicsClientId=self._client,
         )
-        self.squeezing = False
-        self.open()
+
+    @property
+    def force_n(self) -> float:
+        """What each finger's motor may push with now."""
+        return self._force_n
+
+    @property
+    def at_full_force(self) -> bool:
+        """Squeezing with all that the hand is allowed."""
+        return self.squeezing and self._force_n >= self.config.force_n
 
     def open(self) -> None:
         """Drives the fingers apart."""
         self.squeezing = False
-        self._drive(self.config.speed_m_s)
+        self._drive(self.config.open_m_s, self.config.force_n)
 
     def close(self) -> None:
-        """Drives the fingers together and keeps squeezing with the force limit."""
+        """Drives the fingers together; once both stand, the force grows to the limit and stays."""
         self.squeezing = True
-        self._drive(-self.config.speed_m_s)
+        self._stood_s = 0.0
+        self._drive(-self.config.close_m_s, self.config.seek_n)
 
-    def _drive(self, speed_m_s: float) -> None:
-        for finger in self._fingers:
+    def advance(self, speeds_m_s: tuple[float, float], step_s: float) -> None:
+        """One control step, given the measured speed of each finger."""
+        if not self.squeezing or self.at_full_force:
+            return
+        c = self.config
+        stands = max(abs(speed) for speed in speeds_m_s) < c.touch_m_s
+        self._stood_s = self._stood_s + step_s if stands else 0.0
+        if self._force_n > c.seek_n or self._stood_s >= c.touch_s:
+            force_n = min(self._force_n + c.ramp_n_s * step_s, c.force_n)
+            self._drive(-c.close_m_s, force_n)
+
+    def _drive(self, speed_m_s: float, force_n: float) -> None:
+        self._force_n = force_n
+        for finger in self.joints:
             p.setJointMotorControl2(
                 self._robot,
                 finger,
                 p.VELOCITY_CONTROL,
                 targetVelocity=speed_m_s,
-                force=self.config.force_n,
+                force=force_n,
                 physicsClientId=self._client,
             )
 
     def travel_m(self) -> tuple[float, float]:
         """Measured travel of each finger, 0 where they meet."""
-        states = p.getJointStates(self._robot, self._fingers, physicsClientId=self._client)
+        states = p.getJointStates(self._robot, self.joints, physicsClientId=self._client)
         return float(states[0][0]), float(states[1][0])
 
     def opening_m(self) -> float:

@@ -1,13 +1,35 @@
-"""Cartesian impedance by joint torques: the law alone, no simulator."""
+"""Joint and Cartesian impedance by joint torques: the laws alone, no simulator.
+
+`balance` is in both the torque that the arm needs to move as it does with no force on it: gravity,
+Coriolis, and inertia where a reference acceleration is known.
+"""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
 from akm_fg.records import FloatArray
-from sim.kinematics import N_ARM, Q_MAX, Q_MIN, TAU_MAX
+from sim.kinematics import N_ARM, Q_MAX, Q_MIN
+
+_REGULAR = 1e-6 * np.eye(6)  # of J J^T, so that a singular arm has a null space too
+
+
+def _per_joint(*values: float) -> FloatArray:
+    return np.array(values)
+
+
+@dataclass(frozen=True, slots=True)
+class JointImpedanceConfig:
+    """Stiffness and damping of each joint, as in Franka's own joint impedance example."""
+
+    stiffness: FloatArray = field(  # (7,) N m/rad
+        default_factory=lambda: _per_joint(600.0, 600.0, 600.0, 600.0, 250.0, 150.0, 50.0)
+    )
+    damping: FloatArray = field(  # (7,) N m s/rad
+        default_factory=lambda: _per_joint(50.0, 50.0, 50.0, 50.0, 30.0, 25.0, 15.0)
+    )
 
 
 @dataclass(frozen=True, slots=True)
@@ -15,6 +37,7 @@ class ImpedanceConfig:
     """Stiffness and damping of the hand, and the null space behind it."""
 
     stiffness_n_m: float = 900.0  # Franka's own examples use 200 to 2000
+    sideways_n_m: float = 300.0  # along the fingers' opening while they close
     damping_n_s_m: float = 110.0  # near critical for the hand's 3 to 4 kg
     stiffness_rot: float = 40.0  # N m/rad
     damping_rot: float = 8.0  # N m s/rad; the URDF's links carry 0.1 kg m^2 each
@@ -25,16 +48,28 @@ class ImpedanceConfig:
     limit_stiffness: float = 150.0  # N m/rad in that zone
 
 
-def joint_torques(
+def joint_impedance(
+    q_ref: FloatArray,
+    dq_ref: FloatArray,
+    q: FloatArray,
+    dq: FloatArray,
+    balance: FloatArray,
+    config: JointImpedanceConfig,
+) -> FloatArray:
+    """Torques (7,) N m of springs and dampers between the joints and their references, all (7,)."""
+    return config.stiffness * (q_ref - q) + config.damping * (dq_ref - dq) + balance
+
+
+def cartesian_torques(
     wrench: FloatArray,
     J_gripper_q: FloatArray,
     q: FloatArray,
     dq: FloatArray,
     q_rest: FloatArray,
-    gravity: FloatArray,
+    balance: FloatArray,
     config: ImpedanceConfig,
 ) -> FloatArray:
-    """Torques (7,) that exert a wrench at the gripper, within Franka's limits.
+    """Torques (7,) N m that exert a wrench at the gripper.
 
     Args:
         wrench: (6,) force [N], then moment [N m], world axes, at the gripper point.
@@ -42,22 +77,21 @@ def joint_torques(
         q: (7,) rad.
         dq: (7,) rad/s.
         q_rest: (7,) posture that the null space leans to, rad.
-        gravity: (7,) torques against gravity, N m.
+        balance: (7,) torques against gravity and Coriolis forces, N m.
         config: gains.
     """
-    null = config.null_stiffness * (q_rest - q) - config.null_damping * dq
-    JJt = J_gripper_q @ J_gripper_q.T + 1e-6 * np.eye(6)
-    null -= J_gripper_q.T @ np.linalg.solve(JJt, J_gripper_q @ null)
-    zone = config.limit_zone_rad
-    limits = config.limit_stiffness * (
-        np.maximum(Q_MIN + zone - q, 0.0) - np.maximum(q - (Q_MAX - zone), 0.0)
-    )
-    tau = J_gripper_q.T @ wrench + null + limits + gravity - config.joint_damping * dq
+    lean = config.null_stiffness * (q_rest - q) - config.null_damping * dq
+    JJt = J_gripper_q @ J_gripper_q.T + _REGULAR
+    # What the posture would exert at the hand is taken out: J^T (wrench - (J J^T)^-1 J lean).
+    behind = np.linalg.solve(JJt, J_gripper_q @ lean)
+    tau = J_gripper_q.T @ (wrench - behind) + lean + balance - config.joint_damping * dq
+    low, high = Q_MIN + config.limit_zone_rad, Q_MAX - config.limit_zone_rad
+    tau += config.limit_stiffness * (np.maximum(low - q, 0.0) - np.maximum(q - high, 0.0))
     assert tau.shape == (N_ARM,)
-    return np.clip(tau, -TAU_MAX, TAU_MAX)
+    return tau
 
 
 def bounded(vector: FloatArray, length: float) -> FloatArray:
     """The vector, shortened to `length` where it is longer."""
-    norm = float(np.linalg.norm(vector))
+    norm = float(np.sqrt(vector @ vector))
     return vector if norm <= length else vector * (length / norm)
