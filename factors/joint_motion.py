@@ -58,12 +58,11 @@ def unit_twist(kind: str, pitch: float = 0.0) -> Array:
 def joint_displacement(kind: str, q: Array, pitch: float = 0.0) -> tuple[Array, Array]:
     """Rotations (T, 3, 3) and translations (T, 3) of Exp(q S) in the joint frame, q (T,)."""
     twist = unit_twist(kind, pitch)
-    rotations = np.tile(np.eye(3), (q.size, 1, 1))
-    translations = np.zeros((q.size, 3))
-    if twist[2]:
-        c, s = np.cos(q * twist[2]), np.sin(q * twist[2])
-        rotations[:, 0, 0] = rotations[:, 1, 1] = c
-        rotations[:, 0, 1], rotations[:, 1, 0] = -s, s
+    rotations, translations = np.zeros((q.size, 3, 3)), np.zeros((q.size, 3))
+    c, s = np.cos(q * twist[2]), np.sin(q * twist[2])
+    rotations[:, 0, 0] = rotations[:, 1, 1] = c
+    rotations[:, 0, 1], rotations[:, 1, 0] = -s, s
+    rotations[:, 2, 2] = 1.0
     translations[:, 2] = q * twist[5]
     return rotations, translations
 
@@ -79,10 +78,14 @@ def part_motion(
         q: (T,) states, radians or metres.
         pitch: of a helical joint, metres per radian.
     """
-    R_world_joint, o_world = T_world_joint[:3, :3], T_world_joint[:3, 3]
-    rotations, translations = joint_displacement(kind, q, pitch)
-    R_world = R_world_joint @ rotations @ R_world_joint.T
-    t_world = translations @ R_world_joint.T + o_world - R_world @ o_world
+    twist, axis, o_world = unit_twist(kind, pitch), T_world_joint[:3, 2], T_world_joint[:3, 3]
+    along = np.outer(axis, axis)
+    parts = np.concatenate([along, np.eye(3) - along, skew(axis)]).reshape(3, 9)
+    shares = np.ones((q.size, 3))  # Rodrigues' formula: 1, cos and sin of the angle
+    np.cos(q * twist[2], out=shares[:, 1])
+    np.sin(q * twist[2], out=shares[:, 2])
+    R_world = (shares @ parts).reshape(-1, 3, 3)
+    t_world = (q * twist[5])[:, None] * axis + o_world - R_world @ o_world
     return R_world, t_world
 
 
@@ -93,18 +96,19 @@ def reference_coordinates(
     R_world_joint, o_world = T_world_joint[:3, :3], T_world_joint[:3, 3]
     rotations, translations = joint_displacement(kind, q, pitch)
     R_ref_world = np.swapaxes(rotations, 1, 2) @ R_world_joint.T
-    offset = np.einsum("tij,tj->ti", R_ref_world, o_world + translations @ R_world_joint.T)
-    return R_ref_world @ p_world - offset[:, :, None]
+    z = R_ref_world @ p_world
+    z -= (R_ref_world @ o_world + translations)[:, :, None]  # slides along the axis it turns about
+    return z
 
 
 def adjoint_of_return(kind: str, q: Array, pitch: float = 0.0) -> Array:
     """Ad(Exp(-q S)) for every frame, (T, 6, 6), tangent order rotation first."""
     rotations, translations = joint_displacement(kind, q, pitch)
-    Rt = np.swapaxes(rotations, 1, 2)
-    back = -np.einsum("tij,tj->ti", Rt, translations)
+    Rt, slide = np.swapaxes(rotations, 1, 2), translations[:, 2:]
     adjoint = np.zeros((q.size, 6, 6))
     adjoint[:, :3, :3] = adjoint[:, 3:, 3:] = Rt
-    adjoint[:, 3:, :3] = skew(back) @ Rt
+    adjoint[:, 3, :3] = slide * Rt[:, 1]  # rows of [-slide e_z]x Rt
+    adjoint[:, 4, :3] = -slide * Rt[:, 0]
     return adjoint
 
 
@@ -124,7 +128,7 @@ def motion_jacobians(
     adjoint[:3, :3] = adjoint[3:, 3:] = R
     adjoint[3:, :3] = skew(T_world_joint[:3, 3]) @ R
     by_xi = adjoint @ (adjoint_of_return(kind, q, pitch) - np.eye(6))
-    by_state = np.tile(adjoint @ unit_twist(kind, pitch), (q.size, 1))
+    by_state = np.broadcast_to(adjoint @ unit_twist(kind, pitch), (q.size, 6))
     return by_xi, by_state, q[:, None] * adjoint[:, 5]
 
 

@@ -94,7 +94,7 @@ def normal_equations_factor(variables: JointVariables, evaluate: Evaluation) -> 
             over (xi, q, [pitch]) where they are asked for.
     """
     columns, dims = variables.columns, variables.dims
-    rows = columns.size + 1
+    rows, definite = columns.size + 1, columns.size - 6  # all but T_world_joint
 
     def residual(values: gtsam.Values, want_jacobians: bool) -> tuple[Array, list[Array] | None]:
         twice_cost, equations = evaluate(*variables.read(values), want_jacobians)
@@ -103,7 +103,7 @@ def normal_equations_factor(variables: JointVariables, evaluate: Evaluation) -> 
             e[-1] = np.sqrt(twice_cost)
             return e, None
         H, g = equations
-        A, e = square_root_rows(H[np.ix_(columns, columns)], g[columns], twice_cost)
+        A, e = square_root_rows(H[np.ix_(columns, columns)], g[columns], twice_cost, definite)
         return e, [A[:, :6], *(A[:, k : k + 1] for k in range(6, columns.size))]
 
     return make_factor(residual, dims, gtsam.noiseModel.Unit.Create(rows))

@@ -22,11 +22,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from factors.packed import UNPACK, inverse_and_determinant, rotated, times
-from factors.point_track import (
-    TrackObservations,
-    best_reference,
-    first_reference,
+from factors.track_cost import TrackObservations, best_reference, first_reference
+from factors.track_information import (
+    MOMENT_TWISTS,
     twist_jacobian,
+    twist_moments,
     weighted_twist_products,
 )
 
@@ -66,26 +66,9 @@ def motion_information(
     Raises:
         ValueError: the number of motions is not that of the frames.
     """
-    T, _, N = tracks.p_world.shape
     z, x, W, d2 = _taken_back(R_world, t_world, tracks, dof, scale, x_start)
-    G = twist_jacobian(x)
-    We = times(W, z - x)
-    H = np.zeros((T, 6, T, 6))
-    frames = np.arange(T)
-    H[frames, :, frames] = weighted_twist_products(W, G)
-    g = (We.reshape(T, -1) @ G.transpose(0, 2, 1).reshape(3 * N, 6)).ravel()
-    F = _weighted_jacobian(W, G)
-    pulls = np.concatenate([F.reshape(3, N, 6 * T), We.sum(axis=0)[:, :, None]], axis=2)
-    held = _whitened(W.sum(axis=0), pulls).reshape(3 * N, 6 * T + 1)
-    held, pull = held[:, :-1], held[:, -1]
-    return MotionInformation(
-        R_world=R_world,
-        t_world=t_world,
-        information=H.reshape(6 * T, 6 * T) - held.T @ held,
-        gradient=g - held.T @ pull,
-        x_world=x,
-        d2=d2,
-    )
+    H, g = _marginal_form(W, times(W, z - x), twist_jacobian(x))
+    return MotionInformation(R_world, t_world, information=H, gradient=g, x_world=x, d2=d2)
 
 
 def latent_points(
@@ -121,25 +104,64 @@ def _taken_back(
     return z, x, W, d2
 
 
-def _weighted_jacobian(W: Array, G: Array) -> Array:
-    """W G (3, N, T, 6) of weights (T, 6 or 1, N) and twist Jacobians (3, 6, N)."""
-    rows, w = G.transpose(0, 2, 1)[:, :, None], W.transpose(1, 2, 0)[..., None]
-    if len(w) == 1:
-        return rows * w
-    return np.stack([sum(w[UNPACK[a, b]] * rows[b] for b in range(3)) for a in range(3)])
+def _marginal_form(W: Array, We: Array, G: Array) -> tuple[Array, Array]:
+    """Information (6 T, 6 T) and gradient (6 T,) with the latent points marginalised.
+
+    Args:
+        W: (T, 6 or 1, N) weighted information.
+        We: (T, 3, N) weighted errors.
+        G: (3, 6, N) twist Jacobians.
+    """
+    T, width, N = W.shape
+    frames, total = np.arange(T), W.sum(axis=0)
+    H = np.zeros((6 * T, 6 * T))
+    H.reshape(T, 6, T, 6)[frames, :, frames] = weighted_twist_products(W, G)
+    pull = We.sum(axis=0)  # what is left of the latent's own gradient
+    if width == 1:
+        left = We - W / total * pull
+        H -= _isotropic_coupling(W[:, 0], total[0], G)
+        return H, _by_twists(left, G).ravel()
+    rows = np.empty((6 * T + 1, 3, N))
+    rows[-1] = pull
+    by_twist = rows[:-1].reshape(T, 6, 3, N)
+    for j in range(3):
+        by_twist[:, j] = times(W, np.broadcast_to(G[:, j], We.shape))
+        np.negative(W[:, UNPACK[j]], out=by_twist[:, 3 + j])
+    held = _whitened(total, rows).reshape(6 * T + 1, 3 * N)
+    H -= held[:-1] @ held[:-1].T
+    return H, _by_twists(We, G).ravel() - held[:-1] @ held[-1]
+
+
+def _by_twists(v: Array, G: Array) -> Array:
+    """G^T v summed over the points, (T, 6), of v (T, 3, N) and twist Jacobians (3, 6, N)."""
+    return v.reshape(len(v), -1) @ G.transpose(0, 2, 1).reshape(-1, 6)
+
+
+def _isotropic_coupling(w: Array, total: Array, G: Array) -> Array:
+    """What the latent points take from the information (6 T, 6 T), weights w (T, N) on identities.
+
+    Of frames t and s that is sum_n w_tn w_sn / w_n G_n^T G_n: as G^T G is made of ten moments of
+    the points, ten products of the weights will do.
+    """
+    T, N = w.shape
+    shared = w * (twist_moments(G) / total)[:, None]  # (10, T, N)
+    by_frames = (shared.reshape(10 * T, N) @ w.T).reshape(10, T * T)
+    coupling = (by_frames.T @ MOMENT_TWISTS).reshape(T, T, 6, 6)
+    return coupling.swapaxes(1, 2).reshape(6 * T, 6 * T)
 
 
 def _whitened(packed: Array, v: Array) -> Array:
-    """L^-1 v for packed matrices (6 or 1, N) = L L^T, L lower triangular, and v (3, N, ...)."""
+    """L^-1 v for packed matrices (6, N) = L L^T, L lower triangular, and v (K, 3, N)."""
     inverse, _ = inverse_and_determinant(packed)
-    if len(inverse) == 1:
-        return np.sqrt(inverse)[..., None] * v
     a, b, c, d, e, f = inverse  # = L^-T L^-1: a Cholesky factor from the last row upwards
     m22 = np.sqrt(f)
     m21, m20 = e / m22, c / m22
     m11 = np.sqrt(d - m21**2)
     m10 = (b - m21 * m20) / m11
     m00 = np.sqrt(a - m10**2 - m20**2)
-    zero = np.zeros_like(m00)
-    root = np.array([[m00, zero, zero], [m10, m11, zero], [m20, m21, m22]])
-    return np.einsum("abn,bnk->ank", root, v)
+    x, y, z = v[:, 0], v[:, 1], v[:, 2]
+    out = np.empty_like(v)
+    np.multiply(m00, x, out=out[:, 0])
+    out[:, 1] = m10 * x + m11 * y
+    out[:, 2] = m20 * x + m21 * y + m22 * z
+    return out

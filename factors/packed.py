@@ -41,6 +41,16 @@ def times(packed: Array, v: Array) -> Array:
     return out
 
 
+def squared_length(packed: Array, v: Array) -> Array:
+    """v^T Lambda v (T, N) for packed symmetric Lambda (T, 6, N) and vectors (T or 1, 3, N)."""
+    x, y, z = v[:, 0], v[:, 1], v[:, 2]
+    if packed.shape[1] == 1:
+        return np.asarray(packed[:, 0] * (x * x + y * y + z * z))
+    by_x = packed[:, 0] * x + 2 * (packed[:, 1] * y + packed[:, 2] * z)
+    by_y = packed[:, 3] * y + 2 * (packed[:, 4] * z)
+    return np.asarray(x * by_x + y * by_y + z * (packed[:, 5] * z))
+
+
 def inverse_and_determinant(packed: Array) -> tuple[Array, Array]:
     """Inverse (6, ...) and determinant (...) of packed symmetric matrices, by cofactors."""
     if packed.shape[0] == 1:

@@ -46,8 +46,8 @@ from numpy.typing import NDArray
 
 from factors.adapter import make_factor, square_root_rows
 from factors.packed import inverse_and_determinant, times
-from factors.point_track import TrackObservations, best_reference
 from factors.student_t import log_normaliser, twice_negative_log_kernel, weight
+from factors.track_cost import TrackObservations, best_reference
 
 Array = NDArray[np.float64]
 

@@ -25,7 +25,7 @@ from akm_fg.records import BoolArray, FloatArray
 from factors.dense_registration import DenseCost, PatchObservations, dense_cost, dense_information
 from factors.joint_motion import part_motion
 from factors.motion_information import MotionInformation, motion_information
-from factors.point_track import TrackObservations
+from factors.track_cost import TrackObservations
 
 
 class AssociatedPatches(Protocol):

@@ -26,7 +26,8 @@ from factors.gauge import gauge_factor
 from factors.hinge_distance import hinge_distance_factor
 from factors.orientation_track import orientation_track_factor
 from factors.pitch_prior import pitch_prior_factor
-from factors.point_track import TrackCost, point_track_factor
+from factors.point_track import point_track_factor
+from factors.track_cost import TrackCost
 
 JOINT = gtsam.symbol("j", 0)
 REFERENCE = gtsam.symbol("r", 0)

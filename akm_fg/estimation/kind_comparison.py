@@ -18,7 +18,8 @@ from akm_fg.estimation.rigid_motion import MIN_POINTS
 from akm_fg.estimation.steps import Steps
 from akm_fg.estimation.weighed_kinds import FittedKinds
 from akm_fg.records import FloatArray, PointTracks
-from factors.point_track import TrackObservations, state_step
+from factors.track_cost import TrackObservations
+from factors.track_information import state_step
 
 
 @dataclass(frozen=True, slots=True)

@@ -36,8 +36,9 @@ from akm_fg.estimation.observations import (
 from akm_fg.records import FloatArray
 from factors.dense_registration import DenseCost, dense_cost
 from factors.joint_motion import part_motion
-from factors.point_track import TrackCost, point_key, rough_track_cost, track_cost
+from factors.point_track import point_key
 from factors.student_t import twice_negative_log_kernel
+from factors.track_cost import TrackCost, rough_track_cost, track_cost
 
 Effort = Literal["full", "rough", "none"]
 _RANKING_TRACKS = 40  # are enough to tell a good start from a bad one

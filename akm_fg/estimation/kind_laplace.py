@@ -24,8 +24,9 @@ from akm_fg.estimation.observations import Scales, log_likelihood, orientation_i
 from akm_fg.records import FloatArray
 from factors.dense_registration import DenseCost, dense_normal_equations
 from factors.joint_motion import unit_twist
-from factors.point_track import TrackCost, state_information
 from factors.student_t import covariance_factor
+from factors.track_cost import TrackCost
+from factors.track_information import state_information
 
 
 @dataclass(frozen=True, slots=True)

@@ -17,7 +17,6 @@ from numpy.typing import NDArray
 from akm_fg.estimation.config import FitConfig, GraspConfig
 from akm_fg.records import FloatArray, PointTracks
 from factors.joint_limits import joint_limits_factor, joint_limits_residual
-from factors.point_track import TrackObservations
 from factors.state_motion import (
     StateMotionPrior,
     random_walk_prior,
@@ -26,6 +25,7 @@ from factors.state_motion import (
     white_noise_acceleration_prior,
 )
 from factors.static_part import static_scale
+from factors.track_cost import TrackObservations
 
 _STATIC_TRACKS = 20  # tell the level to three percent, in 8 ms
 _STATIC_FRAMES = 20

@@ -21,7 +21,7 @@ from akm_fg.estimation.states import model_variance, solved_states, state_sd_bes
 from akm_fg.estimation.weighed_kinds import pointing_forward
 from akm_fg.records import FloatArray
 from factors.joint_motion import part_motion
-from factors.point_track import TrackObservations
+from factors.track_cost import TrackObservations
 
 
 @dataclass(frozen=True, slots=True)

@@ -12,7 +12,7 @@ and metres, far hinges lie along a curved valley in which rho and all q_t must c
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import gtsam
 import numpy as np
@@ -20,7 +20,7 @@ import numpy as np
 from akm_fg.estimation.config import PriorConfig
 from akm_fg.estimation.initial_guess import MAX_RADIUS_M, JointGuess, joint_frame
 from akm_fg.records import FloatArray
-from factors.joint_motion import cross, motion_jacobians, part_motion, skew
+from factors.joint_motion import cross, motion_jacobians, part_motion
 from factors.motion_information import MotionInformation
 from factors.pitch_prior import pitch_prior_residual
 
@@ -29,6 +29,7 @@ _TOLERANCE = 0.02  # nats gained by a step that is the last
 _RELATIVE_TOLERANCE = 1e-3  # of a cost that no joint of this kind will bring down
 _MAX_DAMPING = 1e6
 _MAX_LOG_STEP = 1.5  # of the hinge distance in one step
+_JOINT_COORDINATES = {"prismatic": 2, "revolute": 4, "helical": 5}
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,13 +53,22 @@ def fit_to_motions(
         centroid_world: (3,) of the moving points in frame 0.
         prior: of the hinge distance and the pitch.
     """
-    here, damping = evaluate(guess, motions, centroid_world, prior), 1e-4
+    return refined(evaluate(guess, motions, centroid_world, prior), motions, centroid_world, prior)
+
+
+def refined(
+    here: MotionFit, motions: MotionInformation, centroid_world: FloatArray, prior: PriorConfig
+) -> MotionFit:
+    """Levenberg-Marquardt from an evaluated start; arguments as of `fit_to_motions`."""
+    damping = 1e-4
     for _ in range(_ITERATIONS):
         H, g = _normal_equations(here, motions, prior)
-        scale = np.maximum(np.diag(H), 1e-12 * np.diag(H).max())
+        diagonal = H.diagonal().copy()
+        scale = np.maximum(diagonal, 1e-12 * diagonal.max())
         gained = -1.0
         while damping < _MAX_DAMPING:
-            step = np.asarray(np.linalg.solve(H + np.diag(damping * scale), -g), dtype=np.float64)
+            H.flat[:: len(g) + 1] = diagonal + damping * scale
+            step = np.asarray(np.linalg.solve(H, -g), dtype=np.float64)
             there = evaluate(_stepped(here, step), motions, centroid_world, prior)
             gained = here.twice_cost - there.twice_cost
             if gained >= 0:
@@ -75,10 +85,11 @@ def evaluate(
 ) -> MotionFit:
     """What a guess costs; arguments as of `fit_to_motions`."""
     T, rho = _nearest_origin(guess, centroid_world)
-    guess = replace(guess, T_world_joint=T)
+    guess = JointGuess(guess.kind, T, guess.q, guess.pitch)
     R, t = part_motion(guess.kind, T, guess.q, guess.pitch)
     R_free_t = motions.R_world.transpose(0, 2, 1)
-    d = log_se3(R_free_t @ R, np.einsum("tij,tj->ti", R_free_t, t - motions.t_world)).ravel()
+    t_free = (R_free_t @ (t - motions.t_world)[:, :, None])[:, :, 0]
+    d = log_se3(R_free_t @ R, t_free).ravel()
     cost = float(d @ (2 * motions.gradient + motions.information @ d))
     if guess.kind != "prismatic":
         cost += (math.log(rho / prior.hinge_distance_m) / prior.hinge_distance_sigma_log) ** 2
@@ -98,18 +109,18 @@ def bent_drawer(
     guess = drawer.guess
     a, s, T = guess.T_world_joint[:3, 2], guess.q, guess.q.size
     across = guess.T_world_joint[:3, :2].T
-    J = np.zeros((T, 6, 4 + T - 1))
+    J = np.zeros((T, 6, 4))  # by the tilt of the axis and by the curvature
     J[:, :, :2] = motion_jacobians("prismatic", guess.T_world_joint, s)[0][:, :, :2]
     for i, k in enumerate(across):
         J[:, :3, 2 + i] = s[:, None] * k
         J[:, 3:, 2 + i] = s[:, None] * cross(centroid_world, k)
         J[:, 3:, 2 + i] += 0.5 * s[:, None] ** 2 * cross(k, a)
-    frames = np.arange(1, T)
-    J[frames, 3:, 3 + frames] = a
-    flat = J.reshape(6 * T, -1)
-    HJ = motions.information @ flat
-    step = -np.linalg.lstsq(flat.T @ HJ, flat.T @ motions.gradient + HJ.T @ drawer.corrections)[0]
-    k = across.T @ step[2:4]
+    along = np.concatenate([np.zeros(3), a])
+    H, g = _with_states(J.reshape(6 * T, 4), along, drawer.corrections, motions)
+    held = np.linalg.solve(H[4:, 4:], np.column_stack([H[4:, :4], g[4:]]))
+    left = np.column_stack([H[:4, :4], g[:4]]) - H[:4, 4:] @ held  # states eliminated
+    step = -np.linalg.lstsq(left[:, :4], left[:, 4])[0]
+    k = across.T @ step[2:]
     rho = 1 / max(float(np.linalg.norm(k)), 1 / MAX_RADIUS_M)
     n = k / max(float(np.linalg.norm(k)), 1e-12)
     hinge = centroid_world + rho * cross(n, a)
@@ -139,46 +150,61 @@ def _nearest_origin(guess: JointGuess, centroid_world: FloatArray) -> tuple[Floa
 def _normal_equations(
     fit: MotionFit, motions: MotionInformation, prior: PriorConfig
 ) -> tuple[FloatArray, FloatArray]:
-    """Information and gradient over (tilt x, tilt y, [log rho, bearing,] s_1.., [pitch])."""
+    """Information and gradient over (tilt x, tilt y, [log rho, bearing, [pitch,]] s_1..)."""
     guess, rho = fit.guess, fit.rho
     T, hinged = guess.q.size, guess.kind != "prismatic"
     by_xi, by_state, by_pitch = motion_jacobians(
         guess.kind, guess.T_world_joint, guess.q, guess.pitch
     )
-    first = 4 if hinged else 2
-    J = np.zeros((T, 6, first + T - 1 + (guess.kind == "helical")))
+    J = np.empty((T, 6, _JOINT_COORDINATES[guess.kind]))
     J[:, :, :2] = by_xi[:, :, :2]
     if hinged:  # x points away from the part, y across; the arcs are held
         J[:, :, 2] = rho * by_xi[:, :, 3] - guess.q[:, None] * by_state
         J[:, :, 3] = rho * by_xi[:, :, 4]
-    frames = np.arange(1, T)
-    J[frames, :, first - 1 + frames] = by_state[1:] / rho
     if guess.kind == "helical":
-        J[:, :, -1] = by_pitch
-    flat = J.reshape(6 * T, -1)
-    HJ = motions.information @ flat
-    H, g = flat.T @ HJ, flat.T @ motions.gradient + HJ.T @ fit.corrections
+        J[:, :, 4] = by_pitch
+    H, g = _with_states(J.reshape(6 * T, -1), by_state[0] / rho, fit.corrections, motions)
     if hinged:
         precision = prior.hinge_distance_sigma_log**-2
         H[2, 2] += precision
         g[2] += precision * math.log(rho / prior.hinge_distance_m)
     if guess.kind == "helical":
         e, slope = pitch_prior_residual(guess.pitch, prior.pitch_sigma_m_per_rad)
-        H[-1, -1] += slope**2
-        g[-1] += slope * e
+        H[4, 4] += slope**2
+        g[4] += slope * e
     return H, g
+
+
+def _with_states(
+    J: FloatArray, arc: FloatArray, d: FloatArray, motions: MotionInformation
+) -> tuple[FloatArray, FloatArray]:
+    """Information and gradient (k + T - 1) over the k columns of J and s_1 .. s_T-1.
+
+    Args:
+        J: (6 T, k) Jacobian of the corrections of all motions.
+        arc: (6,) twist of a frame by its own state, the same for all frames.
+        d: (6 T,) corrections.
+        motions: the quadratic form.
+    """
+    T, k = J.shape[0] // 6, J.shape[1]
+    HJd = motions.information @ np.column_stack([J, d])
+    slope = motions.gradient + HJd[:, k]
+    by_arc = (motions.information.reshape(-1, 6) @ arc).reshape(T, 6, T)
+    H = np.empty((k + T - 1, k + T - 1))
+    H[:k, :k] = J.T @ HJd[:, :k]
+    H[k:, :k] = (arc @ HJd.reshape(T, 6, k + 1))[1:, :k]
+    H[:k, k:] = H[k:, :k].T
+    H[k:, k:] = (arc @ by_arc)[1:, 1:]
+    return H, np.concatenate([J.T @ slope, slope.reshape(T, 6)[1:] @ arc])
 
 
 def _stepped(fit: MotionFit, step: FloatArray) -> JointGuess:
     """The guess moved by a step over the coordinates of `_normal_equations`."""
     guess, rho = fit.guess, fit.rho
     T = guess.T_world_joint.copy()
-    states = guess.q.size - 1
-    if guess.kind == "prismatic":
-        arcs, new_rho = step[2 : 2 + states], rho
-    else:
-        new_rho = rho * math.exp(np.clip(step[2], -_MAX_LOG_STEP, _MAX_LOG_STEP))
-        arcs = step[4 : 4 + states]
+    arcs, new_rho = step[_JOINT_COORDINATES[guess.kind] :], rho
+    if guess.kind != "prismatic":
+        new_rho = rho * math.exp(min(max(float(step[2]), -_MAX_LOG_STEP), _MAX_LOG_STEP))
         bearing = float(step[3])
         centroid = T[:3, 3] - rho * T[:3, 0]
         T[:3, 3] = centroid + new_rho * (
@@ -186,7 +212,7 @@ def _stepped(fit: MotionFit, step: FloatArray) -> JointGuess:
         )
     T[:3, :3] = T[:3, :3] @ gtsam.Rot3.Expmap(np.array([step[0], step[1], 0.0])).matrix()
     q = (rho * guess.q + np.concatenate([[0.0], arcs])) / new_rho
-    pitch = guess.pitch + float(step[-1]) if guess.kind == "helical" else 0.0
+    pitch = guess.pitch + float(step[4]) if guess.kind == "helical" else 0.0
     return JointGuess(guess.kind, T, q, pitch)
 
 
@@ -195,14 +221,20 @@ def log_se3(R: FloatArray, t: FloatArray) -> FloatArray:
 
     Lynch and Park, Modern Robotics, 2017, eqs. 3.61 and 3.91.
     """
-    cosine = np.clip((np.trace(R, axis1=1, axis2=2) - 1) / 2, -1, 1)
-    angle = np.arccos(cosine)
+    flat = R.reshape(-1, 9)
+    twice_sine = flat[:, [7, 2, 3]] - flat[:, [5, 6, 1]]  # times the axis
+    sine = 0.5 * np.sqrt((twice_sine * twice_sine).sum(axis=1))
+    cosine = 0.5 * (flat[:, 0] + flat[:, 4] + flat[:, 8] - 1)
+    angle = np.arctan2(sine, cosine)
     small = angle < 1e-4
     safe = np.where(small, 1.0, angle)
-    sine_ratio = np.where(small, 1 + angle**2 / 6, safe / np.maximum(np.sin(safe), 1e-9))
-    antisymmetric = (R - R.transpose(0, 2, 1)) / 2
-    w = sine_ratio[:, None] * antisymmetric[:, [2, 0, 1], [1, 2, 0]]
-    W = skew(w)
-    coefficient = np.where(small, 1 / 12, (1 - safe / (2 * np.tan(safe / 2))) / safe**2)
-    inverse_V = np.eye(3) - W / 2 + coefficient[:, None, None] * (W @ W)
-    return np.concatenate([w, np.einsum("tij,tj->ti", inverse_V, t)], axis=1)
+    ratio = np.where(small, 1 + angle**2 / 6, safe / np.maximum(sine, 1e-9))
+    w = 0.5 * ratio[:, None] * twice_sine
+    c = np.where(small, 1 / 12, (1 - ratio * (1 + cosine) / 2) / safe**2)
+    # inverse V t = t - w x t / 2 + c w x (w x t)
+    turned = w[:, [1, 2, 0]] * t[:, [2, 0, 1]] - w[:, [2, 0, 1]] * t[:, [1, 2, 0]]
+    d = np.empty((len(t), 6))
+    d[:, :3] = w
+    d[:, 3:] = (1 - c * angle**2)[:, None] * t - 0.5 * turned
+    d[:, 3:] += (c * (w * t).sum(axis=1))[:, None] * w
+    return d

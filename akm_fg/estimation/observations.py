@@ -15,8 +15,8 @@ from akm_fg.estimation.knowledge import NoiseLevel
 from akm_fg.records import FloatArray
 from factors.dense_registration import DenseCost, PatchObservations
 from factors.orientation_track import log_so3, orientation_residual
-from factors.point_track import TrackObservations
 from factors.student_t import log_normaliser, twice_negative_log_kernel, weight
+from factors.track_cost import TrackObservations
 
 CHI2_MEDIAN = 2.366  # of a chi-square variable with three degrees of freedom
 # The scale of a Student-t with six degrees of freedom fitted to normal noise, over its sigma.

@@ -28,7 +28,7 @@ from akm_fg.estimation.rigid_motion import MIN_POINTS, RigidMotion, free_rigid_m
 from akm_fg.records import FloatArray, PointTracks
 from factors.joint_motion import part_motion
 from factors.motion_information import MotionInformation, latent_points, motion_information
-from factors.point_track import TrackObservations
+from factors.track_cost import TrackObservations
 
 # Pose logs come without a noise level: observations are whitened by these and scaled by the fit.
 NOMINAL_POSITION_M = 1e-3

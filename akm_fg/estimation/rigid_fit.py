@@ -22,7 +22,7 @@ from akm_fg.estimation.observations import (
     robust_mean_orientation,
     updated_scales,
 )
-from factors.point_track import track_cost
+from factors.track_cost import track_cost
 
 
 def fit_rigid(problem: GraphProblem) -> KindFit:

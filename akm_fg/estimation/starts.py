@@ -6,7 +6,7 @@ import math
 from dataclasses import dataclass
 
 from akm_fg.estimation.initial_guess import JointGuess
-from akm_fg.estimation.motion_fit import MotionFit, bent_drawer, evaluate, fit_to_motions
+from akm_fg.estimation.motion_fit import MotionFit, bent_drawer, evaluate, fit_to_motions, refined
 from akm_fg.estimation.problem import FitProblem
 from factors.motion_information import MotionInformation
 
@@ -53,7 +53,7 @@ def _hinge(drawer: MotionFit, problem: FitProblem, motions: MotionInformation) -
     ]
     nearest = min(screws, key=lambda fit: fit.twice_cost, default=bent)
     start = nearest if nearest.twice_cost < _MUCH_NEARER * bent.twice_cost else bent
-    return _fit(start.guess, problem, motions)
+    return refined(start, motions, centroid, prior)
 
 
 def _fit(guess: JointGuess, problem: FitProblem, motions: MotionInformation) -> MotionFit:

@@ -8,7 +8,8 @@ from numpy.typing import NDArray
 from akm_fg.estimation.config import FitConfig
 from akm_fg.estimation.laplace import KindFit
 from akm_fg.records import FloatArray, PointTracks
-from factors.point_track import TrackObservations, state_step
+from factors.track_cost import TrackObservations
+from factors.track_information import state_step
 
 _ITERATIONS = 10
 _SETTLED = 1e-4  # squared step in units of the state's variance that is the last

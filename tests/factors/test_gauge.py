@@ -7,7 +7,8 @@ from numpy.testing import assert_allclose
 
 from factors.finite_differences import numeric_jacobian
 from factors.gauge import GAUGE_NAMES, SIGMA, gauge_factor
-from factors.point_track import track_cost, track_normal_equations
+from factors.track_cost import track_cost
+from factors.track_information import track_normal_equations
 
 TANGENT = ("wx", "wy", "wz", "vx", "vy", "vz")
 CENTROID = np.array([0.4, -0.2, 1.1])

@@ -4,13 +4,8 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from factors.point_track import (
-    TrackObservations,
-    state_information,
-    state_step,
-    track_cost,
-    track_normal_equations,
-)
+from factors.track_cost import TrackObservations, track_cost
+from factors.track_information import state_information, state_step, track_normal_equations
 
 DOF = 6.0
 

@@ -11,15 +11,10 @@ from numpy.testing import assert_allclose
 from factors.finite_differences import analytic_gradient, central_difference, numeric_gradient
 from factors.gauge import gauge_factor
 from factors.joint_motion import unit_twist
-from factors.point_track import (
-    TrackObservations,
-    point_track_factor,
-    state_information,
-    state_step,
-    track_cost,
-    track_normal_equations,
-)
+from factors.point_track import point_track_factor
 from factors.student_t import twice_negative_log_kernel, weight
+from factors.track_cost import TrackObservations, track_cost
+from factors.track_information import state_information, state_step, track_normal_equations
 
 GAUSSIAN, ROBUST = 1e9, 4.0
 GAUGE = {"revolute": [2, 5], "helical": [2, 5], "prismatic": [2, 3, 4, 5]}

@@ -6,7 +6,6 @@ import pytest
 from numpy.testing import assert_allclose
 
 from factors.finite_differences import analytic_gradient, central_difference, numeric_gradient
-from factors.point_track import TrackObservations
 from factors.static_part import (
     latent_freedom,
     static_part_cost,
@@ -15,6 +14,7 @@ from factors.static_part import (
     static_scale,
 )
 from factors.student_t import log_normaliser, twice_negative_log_kernel
+from factors.track_cost import TrackObservations
 
 GAUSSIAN, ROBUST = 1e9, 4.0
 SCALE = gtsam.symbol("s", 0)

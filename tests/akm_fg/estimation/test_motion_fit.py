@@ -16,7 +16,7 @@ from akm_fg.estimation.problem import problem_of_tracks
 from akm_fg.estimation.starts import starts_of_part
 from factors.joint_motion import part_motion
 from factors.motion_information import motion_information
-from factors.point_track import TrackObservations
+from factors.track_cost import TrackObservations
 
 SIGMA_M = 0.003
 Q = np.array([0.0, 0.1, 0.35, 0.2, 0.5, 0.6])
