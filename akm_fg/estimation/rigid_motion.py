@@ -92,6 +92,9 @@ def free_rigid_motion(
         w = w * observed * member[None] / sigma2 / (1 + np.nan_to_num(d2) / scale**2 / 5)
         if abs(scale - previous) < config.scale_tolerance * scale:
             break
+    others = ~member  # two frames sent them off; all of them may call them back
+    shape[others], e2 = _median_shape(tracks.p_world[:, others], R, t)
+    d2[:, others] = e2 / sigma2[:, others]
     good = d2 < (config.inlier_sigmas * scale) ** 2
     share = good.sum(axis=0) / np.maximum(observed.sum(axis=0), 1)
     return RigidMotion(
@@ -122,6 +125,13 @@ def _mean_shape(
     total = w.sum(axis=0)
     mean = np.einsum("tn,tni->ni", w, back) / np.maximum(total, 1e-300)[:, None]
     return mean, total > 0
+
+
+def _median_shape(p: FloatArray, R: FloatArray, t: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Median (N, 3) of points (T, N, 3) taken back, NaN where lost, and squared errors (T, N)."""
+    back = (p - t[:, None]) @ R
+    shape = np.nanmedian(back, axis=0)
+    return shape, ((back - shape) ** 2).sum(-1)
 
 
 def _consensus(
