@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import tempfile
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -11,9 +12,24 @@ import gtsam
 import numpy as np
 from numpy.typing import NDArray
 
-from akm_fg.records import PinholeCamera, RgbdFrame
+from akm_fg.records import RgbdFrame
 from sim.bullet import PANDA_URDF, load_urdf, p, quiet
-from sim.noise import NOISE_LEVELS, DepthImage, NoiseConfig, noisy_depth, noisy_rgb
+from sim.materials import MATT, specular_of
+from sim.mirror import Shape, bodies_of, poses_of, shapes_of
+from sim.noise import NOISE_LEVELS, NoiseConfig, Surface
+from sim.pictures import (
+    NEAR_M,
+    DepthImage,
+    Picture,
+    Renderer,
+    Shot,
+    projection_matrix,
+    rendered_intrinsics,
+    take,
+    view_matrix,
+)
+from sim.rendering import Wanted, choose_renderer, open_scene
+from sim.sensor import NoisySensor
 from sim.world import SimWorld
 
 
@@ -24,8 +40,8 @@ class CameraConfig:
     width: int = 640
     height: int = 480
     focal_px: float = 600.0  # colour camera of a D435 at 640 x 480 (about 56 deg wide)
-    near_m: float = 0.1
     far_m: float = 8.0
+    renderer: Wanted = "auto"
     mask_scale: int = 2  # the robot is drawn this many times smaller for masking
     mask_grow_px: int = 4  # dilation of the robot, full-resolution pixels
     mask_slack_m: float = 0.03  # depth noise and flying pixels near the robot
@@ -41,65 +57,18 @@ class CameraConfig:
             focal_px=factor * self.focal_px,
         )
 
-
-def rendered_intrinsics(width: int, height: int, focal_px: float) -> PinholeCamera:
-    """Intrinsics of a TinyRenderer image, pixel centres at integers.
-
-    TinyRenderer samples pixel (i, j) at (i, j + 1) of the image plane whose middle is
-    (width / 2, height / 2); hence this principal point. Proven by the back-projection test.
-    """
-    return PinholeCamera(width, height, focal_px, focal_px, width / 2.0, height / 2.0 - 1.0)
-
-
-def render(
-    client: int, T_world_cam: gtsam.Pose3, config: CameraConfig, scale: int = 1
-) -> tuple[NDArray[np.uint8], DepthImage]:
-    """RGB (h, w, 3) and depth (h, w) in metres along z, exact to 1e-5 m; NaN beyond `far_m`."""
-    w, h = config.width // scale, config.height // scale
-    eye, R = T_world_cam.translation(), T_world_cam.rotation().matrix()
-    image = p.getCameraImage(
-        w,
-        h,
-        viewMatrix=p.computeViewMatrix(eye.tolist(), (eye + R[:, 2]).tolist(), (-R[:, 1]).tolist()),
-        projectionMatrix=_projection(config),
-        lightDirection=list(config.light),
-        lightAmbientCoeff=0.62,
-        lightDiffuseCoeff=0.42,
-        lightSpecularCoeff=0.05,
-        shadow=0,
-        renderer=p.ER_TINY_RENDERER,
-        flags=p.ER_NO_SEGMENTATION_MASK,
-        physicsClientId=client,
-    )
-    rgb = cv2.cvtColor(np.asarray(image[2], dtype=np.uint8).reshape(h, w, 4), cv2.COLOR_RGBA2RGB)
-    buffer = np.asarray(image[3], dtype=np.float32).reshape(h, w)
-    near, far = config.near_m, config.far_m
-    depth = far * near / (far - (far - near) * buffer)
-    depth[buffer >= 1.0 - 1e-7] = np.nan
-    return np.asarray(rgb), depth
-
-
-def _projection(config: CameraConfig) -> list[float]:
-    """OpenGL projection, column-major, with the principal point in the middle."""
-    n, f = config.near_m, config.far_m
-    x = 2.0 * config.focal_px / config.width
-    y = 2.0 * config.focal_px / config.height
-    z, w = -(f + n) / (f - n), -2.0 * f * n / (f - n)
-    return [x, 0, 0, 0, 0, y, 0, 0, 0, 0, z, -1, 0, 0, w, 0]
-
-
-def _render_still(
-    world: SimWorld, T_world_cam: gtsam.Pose3, config: CameraConfig
-) -> tuple[NDArray[np.uint8], DepthImage]:
-    """RGB and depth of what never moves: room, supports and corpus."""
-    with quiet():
-        client = int(p.connect(p.DIRECT))
-    try:
-        for urdf, T_world_body in world.still:
-            load_urdf(client, urdf, T_world_body)
-        return render(client, T_world_cam, config)
-    finally:
-        p.disconnect(physicsClientId=client)
+    def shot(self, T_world_cam: gtsam.Pose3, renderer: Renderer = "tiny", scale: int = 1) -> Shot:
+        """A picture from a pose, `scale` times smaller."""
+        size, near_m = (self.width, self.height), NEAR_M[renderer]
+        return Shot(
+            self.width // scale,
+            self.height // scale,
+            view_matrix(T_world_cam),
+            projection_matrix(size, self.focal_px, near_m, self.far_m),
+            near_m,
+            self.far_m,
+            self.light,
+        )
 
 
 def _load_robot_outline(client: int) -> int:
@@ -114,8 +83,16 @@ def _load_robot_outline(client: int) -> int:
         return load_urdf(client, path, gtsam.Pose3())
 
 
+NO_SHAPES = np.array([MATT], dtype=np.float32)
+
+
+def _specular_of(shapes: Sequence[Shape]) -> NDArray[np.float32]:
+    """(N + 1,) specular share of each shape, and of none at the end, where index -1 finds it."""
+    return np.array([*(specular_of(shape.mesh) for shape in shapes), MATT], dtype=np.float32)
+
+
 class SimCamera:
-    """Fits `akm_fg.interfaces.Camera`. A context manager: it holds a second, robot-only client."""
+    """Fits `akm_fg.interfaces.Camera`. To be closed: it holds a renderer and a robot to mask."""
 
     def __init__(
         self,
@@ -124,51 +101,97 @@ class SimCamera:
         seed: int,
         config: CameraConfig | None = None,
     ) -> None:
+        """Opens the renderer and draws what stands still.
+
+        Raises:
+            RendererFailed: the renderer that was asked for does not work here.
+        """
         self.config = config or CameraConfig()
         self.T_world_cam = T_world_cam
         c = self.config
-        self.intrinsics = rendered_intrinsics(c.width, c.height, c.focal_px)
+        self.renderer = choose_renderer(c.renderer, (c.width, c.height))
+        name = self.renderer.name
+        self.intrinsics = rendered_intrinsics(c.width, c.height, c.focal_px, name)
         self._world = world
-        self._rng = np.random.default_rng([seed, 11])
+        self._sensor = NoisySensor(c.noise, self.intrinsics, np.random.default_rng([seed, 11]))
         with quiet():
             self._robot_client = int(p.connect(p.DIRECT))
         self._robot = _load_robot_outline(self._robot_client)
-        self._still = _render_still(world, T_world_cam, self.config)
+        self._shot = c.shot(T_world_cam, name)
+        self._scene = open_scene(self.renderer)
+        self._still = self._draw_still()
+        self._bodies: tuple[int, ...] = ()
+        self._shapes: list[Shape] = []
+        self._specular = NO_SHAPES
 
     def close(self) -> None:
-        """Frees the robot-only client."""
+        """Frees the renderer and the robot-only client."""
+        self._scene.close()
         if self._robot_client >= 0:
             p.disconnect(physicsClientId=self._robot_client)
             self._robot_client = -1
 
     def capture(self) -> RgbdFrame:
         """The scene now, with noise; pixels that show the robot carry no depth."""
-        rgb, exact = self.exact()
-        depth = noisy_depth(exact, self.intrinsics, self.config.noise, self._rng)
+        surface, exact = self._exact()
+        depth = self._sensor.depth(exact, surface)
         robot = self.robot_depth()
         # A hole in front of the robot stays a hole; NaN compares False.
-        depth[np.isfinite(robot) & ~(depth < robot - self.config.mask_slack_m)] = np.nan
+        depth = np.where(robot - self.config.mask_slack_m <= depth, np.nan, depth)
+        stamp_s = self._world.time_s
         return RgbdFrame(
-            stamp_s=self._world.time_s,
-            rgb=noisy_rgb(rgb, self.config.noise, self._rng),
+            stamp_s=stamp_s,
+            rgb=self._sensor.rgb(surface, stamp_s),
             depth_m=depth.astype(np.float32),
             camera=self.intrinsics,
             T_world_cam=self.T_world_cam,
         )
 
     def exact(self) -> tuple[NDArray[np.uint8], DepthImage]:
-        """RGB (H, W, 3) and depth (H, W) before noise and masking.
+        """RGB (H, W, 3) and depth (H, W) before noise and masking."""
+        surface, depth = self._exact()
+        return surface.rgb, depth
 
-        Only robot and part are drawn: what stands still was drawn once.
+    def _exact(self) -> tuple[Surface, DepthImage]:
+        """What each pixel shows and how far away.
+
+        Only what moves is drawn: what stands still was drawn once.
         """
-        rgb, depth = render(self._world.client, self.T_world_cam, self.config)
-        still_rgb, still_depth = self._still
+        self._follow()
+        poses = poses_of(self._world.client, self._shapes)
+        picture = self._scene.draw(poses, self._shot)
+        rgb, depth = picture.rgb, picture.depth_m
+        specular = self._specular.take(picture.body, mode="wrap")
+        still, still_depth = self._still
         # Nothing moves behind what is not there: NaN in `still_depth` compares False.
         behind = ~np.isfinite(depth) | (still_depth <= depth)
         mask = behind.view(np.uint8)
-        cv2.copyTo(still_rgb, mask, rgb)  # ten times as fast as indexing
+        cv2.copyTo(still.rgb, mask, rgb)  # ten times as fast as indexing
         cv2.copyTo(still_depth, mask, depth)
-        return rgb, depth
+        cv2.copyTo(still.specular, mask, specular)
+        return Surface(rgb, specular), depth
+
+    def _follow(self) -> None:
+        """Shows the bodies that the world has now."""
+        bodies = bodies_of(self._world.client)
+        if bodies != self._bodies:
+            self._bodies, self._shapes = bodies, shapes_of(self._world.client, bodies)
+            self._specular = _specular_of(self._shapes)
+            self._scene.show(self._shapes)
+
+    def _draw_still(self) -> tuple[Surface, DepthImage]:
+        """What never moves: room, supports and corpus."""
+        with quiet():
+            client = int(p.connect(p.DIRECT))
+        try:
+            bodies = [load_urdf(client, urdf, T) for urdf, T in self._world.still]
+            shapes = shapes_of(client, bodies)
+            self._scene.show(shapes)
+            picture: Picture = self._scene.draw(poses_of(client, shapes), self._shot)
+        finally:
+            p.disconnect(physicsClientId=client)
+        specular = _specular_of(shapes).take(picture.body, mode="wrap")
+        return Surface(picture.rgb, specular), picture.depth_m
 
     def robot_depth(self) -> DepthImage:
         """Depth (H, W) of the robot alone at its measured joint angles, grown; NaN elsewhere."""
@@ -178,7 +201,7 @@ class SimCamera:
         for j, state in enumerate(states):
             p.resetJointState(self._robot, j, state[0], physicsClientId=self._robot_client)
         scale = self.config.mask_scale
-        _, small = render(self._robot_client, self.T_world_cam, self.config, scale)
+        small = take(self._robot_client, self.config.shot(self.T_world_cam, scale=scale)).depth_m
         side = 2 * int(np.ceil(self.config.mask_grow_px / scale)) + 1
         solid = np.where(np.isfinite(small), small, np.inf).astype(np.float32)
         grown = cv2.erode(solid, np.ones((side, side), dtype=np.uint8))

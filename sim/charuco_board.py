@@ -25,11 +25,12 @@ from sim.camera import CameraConfig, SimCamera
 from sim.charuco_plate import PlateSpec, write_plate
 from sim.episode import open_world
 from sim.kinematics import N_ARM, Q_HOME
-from sim.noise import NOISE_LEVELS, DepthImage, noisy_depth, noisy_rgb
+from sim.noise import NOISE_LEVELS, noisy_depth, noisy_rgb
+from sim.pictures import DepthImage
 from sim.world import SimWorld
 
-
 FARTHEST_M = 1e6  # stands for infinity
+SHOULDER_M = np.array([0.0, 0.0, 0.333])  # of the Franka, world
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,13 +38,14 @@ class PoseConfig:
     """How the board is shown, and how well the arm knows where it holds it."""
 
     views: int = 25
-    low_m: tuple[float, float, float] = (0.25, -0.35, 0.30)  # of the board's middle, world
-    high_m: tuple[float, float, float] = (0.60, 0.35, 0.75)
-    tilt_rad: float = np.deg2rad(40.0)  # largest angle between normal and line of sight
+    distance_m: tuple[float, float] = (0.5, 1.2)  # of the board's middle, along camera z
+    least_height_m: float = 0.2  # of the board's middle above the robot's foot
+    reach_m: float = 0.85  # from the shoulder to the board's middle; Franka's data sheet: 0.855
+    tilt_rad: float = np.deg2rad(45.0)  # largest angle between normal and line of sight
     roll_rad: float = np.deg2rad(60.0)  # largest turn about the line of sight
     border_px: float = 12.0  # kept between the pattern and the image's edge
     clearance_m: float = 0.01  # of plate and arm to the furniture
-    tries: int = 4000
+    tries: int = 20000
     repeat_mm: float = 0.1  # sd along each axis; Franka's data sheet: repeatability +-0.1 mm
     repeat_deg: float = 0.05  # sd about each axis
     mount_mm: float = 4.0  # sd of where the plate sits in the fingers
@@ -188,11 +190,13 @@ def sample_configurations(
         MotionInfeasible: too few are found.
     """
     found = 0
+    centre = gtsam.Pose3(gtsam.Rot3(), -np.append(rig.spec.size_m / 2.0, 0.0))
     for _ in range(config.tries):
         if found == config.views:
             return
-        T_world_board = _shown(rig.truth.T_world_cam, config, rng)
-        centre = gtsam.Pose3(gtsam.Rot3(), -np.append(rig.spec.size_m / 2.0, 0.0))
+        T_world_board = _shown(rig, config, rng)
+        if T_world_board is None:
+            continue
         wanted = T_world_board * centre * rig.truth.T_gripper_board.inverse()
         q = rig.world.kinematics.solve(wanted, Q_HOME)
         if q is None or not rig.in_view(q, config.border_px):
@@ -207,9 +211,17 @@ def sample_configurations(
         )
 
 
-def _shown(T_world_cam: gtsam.Pose3, config: PoseConfig, rng: np.random.Generator) -> gtsam.Pose3:
-    """A pose of the board's middle: anywhere in the box, its face roughly to the camera."""
-    middle = rng.uniform(config.low_m, config.high_m)
+def _shown(rig: BoardRig, config: PoseConfig, rng: np.random.Generator) -> gtsam.Pose3 | None:
+    """A pose of the board's middle: anywhere in the image, its face roughly to the camera.
+
+    None where the arm does not reach.
+    """
+    camera, T_world_cam = rig.camera.intrinsics, rig.truth.T_world_cam
+    uv = rng.uniform([0.0, 0.0], [camera.width, camera.height])
+    p_cam = camera.back_project(uv, np.asarray(rng.uniform(*config.distance_m)))
+    middle = T_world_cam.transformFrom(p_cam)
+    if np.linalg.norm(middle - SHOULDER_M) > config.reach_m or middle[2] < config.least_height_m:
+        return None
     z = middle - T_world_cam.translation()
     z /= np.linalg.norm(z)
     x = np.cross(z, [0.0, 0.0, -1.0])

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 from scipy import special
 
 from akm_fg.records import BoolArray, PinholeCamera
-
-DepthImage = NDArray[np.floating]  # (H, W), metres along z
+from sim.pictures import DepthImage
+from sim.temporal_filter import TemporalFilterConfig
 
 
 @dataclass(frozen=True, slots=True)
@@ -19,12 +19,14 @@ class NoiseConfig:
     """Noise of an active-stereo RGB-D camera; None as `disparity_sigma_px` turns depth noise off.
 
     The depth error follows from the disparity error: sd(z) = z^2 / (f b) * sd(disparity), as in
-    Intel's "Best known methods for tuning RealSense depth cameras" (RMS error theory).
+    Intel's "Best known methods for tuning RealSense depth cameras" (RMS error theory). The sources
+    of every value stand in docs/camera.md.
     """
 
     name: str
     baseline_m: float = 0.095  # D455; a D435 has 0.050
     depth_focal_px: float = 425.0  # 848 x 480 depth stream, 90 deg wide
+    depth_size_px: tuple[int, int] = (848, 480)  # what lies outside its view has no depth
     disparity_sigma_px: float | None = 0.08  # Intel gives < 0.1 px on textured targets
     correlation_px: float = 1.5  # the matching window blurs neighbouring errors together
     disparity_step_px: float = 1.0 / 32.0  # sub-pixel resolution of the D4 ASIC
@@ -32,14 +34,25 @@ class NoiseConfig:
     edge_hole: float = 0.35  # share of edge pixels without depth
     edge_flying: float = 0.25  # share of edge pixels between the two surfaces
     grazing_cos: float = 0.25  # dropouts begin below this cosine of incidence
+    dark_reflectance: float = 0.026  # dropouts begin below this diffuse reflectance
+    glare_rad: float = 0.1  # a mirror dazzles this close to facing the camera
+    hole_px: int = 7  # side of the patches in which dark and shiny surfaces are lost
     range_m: tuple[float, float] = (0.4, 6.0)  # working range of a D455
+    temporal: TemporalFilterConfig | None = None
     rgb_sigma: float = 2.0  # grey levels, indoor light
-    rgb_gain_sd: float = 0.0  # of each frame's brightness: auto-exposure, flicker
+    rgb_gain_sd: float = 0.0  # of each frame's brightness: flicker against the shutter
+    rgb_tint_sd: float = 0.0  # of each frame's three colours: white balance
+    rgb_drift_per_sqrt_s: float = 0.0  # random walk of the brightness: clouds, exposure
 
 
+# The pattern is lost in the imager's noise where 255 grey levels * reflectance * contrast is below
+# the noise; contrast 0.3 of dots on an evenly lit surface.
+_D455 = NoiseConfig("d455")
 NOISE_LEVELS = {
     "clean": NoiseConfig("clean", disparity_sigma_px=None, rgb_sigma=0.0),
-    "d455": NoiseConfig("d455"),
+    "d455": _D455,
+    # As the paper's authors filter their D455.
+    "d455-filtered": replace(_D455, name="d455-filtered", temporal=TemporalFilterConfig()),
     "harsh": NoiseConfig(
         "harsh",
         # The D455 data sheet's bound, 2 % at 4 m, as disparity: 0.08 m * f b / (4 m)^2.
@@ -48,9 +61,13 @@ NOISE_LEVELS = {
         edge_hole=0.6,  # chosen: nearly twice d455's
         edge_flying=0.35,  # chosen: most of the others lie between the surfaces
         grazing_cos=0.4,  # chosen: dropouts begin at 66 deg of incidence, d455 at 76
+        dark_reflectance=0.078,  # follows from three times the imager's noise
+        glare_rad=0.2,  # chosen: twice d455's
         range_m=(0.52, 6.0),  # the data sheet's least distance at full resolution
         rgb_sigma=6.0,  # chosen: dim light, a gain that triples d455's noise
         rgb_gain_sd=0.03,  # chosen: lamps at mains frequency against a rolling shutter
+        rgb_tint_sd=0.01,  # chosen: white balance that hunts by one part in a hundred
+        rgb_drift_per_sqrt_s=0.02,  # chosen: a tenth of the light within half a minute
     ),
 }
 
@@ -64,11 +81,23 @@ def _levels(rng: np.random.Generator, shape: tuple[int, ...]) -> NDArray[np.uint
 
 
 def noisy_rgb(
-    rgb: NDArray[np.uint8], config: NoiseConfig, rng: np.random.Generator
+    rgb: NDArray[np.uint8],
+    config: NoiseConfig,
+    rng: np.random.Generator,
+    brightness: float = 1.0,
 ) -> NDArray[np.uint8]:
-    """The image (H, W, 3) with white noise and a brightness of its own."""
+    """The image (H, W, 3) with white noise, and brightness and tint of its own.
+
+    `brightness` is that of the light, beside what each frame has of its own.
+    """
+    gains = np.full(3, brightness)
     if config.rgb_gain_sd > 0.0:
-        rgb = np.asarray(cv2.convertScaleAbs(rgb, alpha=1.0 + rng.normal(0.0, config.rgb_gain_sd)))
+        gains *= 1.0 + rng.normal(0.0, config.rgb_gain_sd)
+    if config.rgb_tint_sd > 0.0:
+        gains *= 1.0 + rng.normal(0.0, config.rgb_tint_sd, 3)
+    if (gains != 1.0).any():
+        levels = np.clip(np.rint(np.arange(256.0)[:, None] * gains), 0.0, 255.0)
+        rgb = np.asarray(cv2.LUT(rgb, levels.astype(np.uint8)[None]), dtype=np.uint8)
     if config.rgb_sigma == 0.0:
         return rgb
     # Whole grey levels: the image has no others.
@@ -76,25 +105,42 @@ def noisy_rgb(
     return np.asarray(cv2.add(rgb, noise, dtype=cv2.CV_8U))  # saturates
 
 
+@dataclass(frozen=True, slots=True)
+class Surface:
+    """What a pixel's surface does with light."""
+
+    rgb: NDArray[np.uint8]  # (H, W, 3) as rendered: its brightness stands for the reflectance
+    specular: NDArray[np.float32]  # (H, W) share 0..1 that is mirrored instead of scattered
+
+
 def noisy_depth(
-    depth_m: DepthImage, camera: PinholeCamera, config: NoiseConfig, rng: np.random.Generator
+    depth_m: DepthImage,
+    camera: PinholeCamera,
+    config: NoiseConfig,
+    rng: np.random.Generator,
+    surface: Surface | None = None,
 ) -> DepthImage:
-    """Depth (H, W) as the camera would report it; NaN where it sees nothing.
+    """Depth (H, W) as the camera would report it, before any filter; NaN where it sees nothing.
 
     Args:
         depth_m: exact depth along z, NaN where there is no surface.
         camera: intrinsics of the image.
         config: the noise.
         rng: source of randomness.
+        surface: of what things are made; without it everything is bright and matt.
     """
     if config.disparity_sigma_px is None:
         return depth_m
     depth = np.where(np.isfinite(depth_m), depth_m, 50.0).astype(np.float32)
     lost = (depth > config.range_m[1]) | (depth < config.range_m[0])
     lost |= _stereo_shadow(depth, camera.fx * config.baseline_m)
-    loss = _grazing_loss(depth, camera, config.grazing_cos)
+    _lose_outside(lost, depth, camera, config)
+    cosine = _incidence_cos(depth, camera)
+    loss = 0.9 * np.clip(1.0 - cosine / config.grazing_cos, 0.0, 1.0)  # 0.9 edge-on
     some = np.flatnonzero(loss)
     lost.flat[some] |= rng.random(some.size) < loss.flat[some]
+    if surface is not None:
+        lost |= _surface_loss(surface, cosine, config) > _patches(depth.shape, config.hole_px, rng)
     depth = _mix_edges(depth, lost, config, rng)
     depth = _through_disparity(depth, config, rng)
     depth[lost] = np.nan
@@ -143,8 +189,26 @@ def _stereo_shadow(depth: DepthImage, fb_px_m: float) -> BoolArray:
     return shadow
 
 
-def _grazing_loss(depth: DepthImage, camera: PinholeCamera, cos_start: float) -> DepthImage:
-    """Chance of no return: 0 at `cos_start` of incidence, 0.9 edge-on."""
+def _lose_outside(
+    lost: BoolArray, depth: DepthImage, camera: PinholeCamera, config: NoiseConfig
+) -> None:
+    """Marks what only one imager of the depth stream has in view: a band on the left, and beyond.
+
+    The depth stream comes from the left imager; what lies within b / z of its left border, in
+    units of the image plane, is outside the right one's view.
+    """
+    half_x, half_y = (side / 2.0 / config.depth_focal_px for side in config.depth_size_px)
+    x = (np.arange(depth.shape[1]) - camera.cx) / camera.fx
+    y = (np.arange(depth.shape[0]) - camera.cy) / camera.fy
+    lost[:, x > half_x] = True
+    lost[np.abs(y) > half_y] = True
+    near_border = x < config.baseline_m / config.range_m[0] - half_x
+    seen_at = x[near_border] - config.baseline_m / depth[:, near_border]
+    lost[:, near_border] |= seen_at < -half_x
+
+
+def _incidence_cos(depth: DepthImage, camera: PinholeCamera) -> DepthImage:
+    """Cosine of the angle between line of sight and surface normal (H, W); 1 is face on."""
     # For a plane n.p = 1 inverse depth is n.(x, y, 1): linear, so its gradient is exact.
     inv = np.float32(1.0) / depth
     ramp = cv2.Sobel(inv, cv2.CV_32F, 1, 0, ksize=1), cv2.Sobel(inv, cv2.CV_32F, 0, 1, ksize=1)
@@ -152,5 +216,28 @@ def _grazing_loss(depth: DepthImage, camera: PinholeCamera, cos_start: float) ->
     x = ((np.arange(depth.shape[1]) - camera.cx) / camera.fx).astype(np.float32)
     y = ((np.arange(depth.shape[0]) - camera.cy) / camera.fy).astype(np.float32)[:, None]
     nz = inv - nx * x - ny * y
-    cosine = inv / np.sqrt((nx**2 + ny**2 + nz**2) * (x**2 + y**2 + 1.0))
-    return np.asarray(0.9 * np.clip(1.0 - cosine / cos_start, 0.0, 1.0))
+    return np.asarray(inv / np.sqrt((nx**2 + ny**2 + nz**2) * (x**2 + y**2 + 1.0)))
+
+
+# Linear reflectance of a grey level, by the gamma that images are shown with.
+_REFLECTANCE = ((np.arange(256) / 255.0) ** 2.2).astype(np.float32)
+
+
+def _surface_loss(surface: Surface, cosine: DepthImage, config: NoiseConfig) -> DepthImage:
+    """Chance of no return by the surface's own nature: too dark, or a mirror that dazzles.
+
+    What is mirrored does not come back, so a shiny surface is dark but for the direction in which
+    it mirrors the projector into the imagers, which stand side by side.
+    """
+    grey = np.asarray(cv2.cvtColor(surface.rgb, cv2.COLOR_RGB2GRAY), dtype=np.uint8)
+    scattered = _REFLECTANCE.take(grey) * (1.0 - surface.specular)
+    dark = 0.9 * np.clip(1.0 - scattered / config.dark_reflectance, 0.0, 1.0)
+    glare = np.where(cosine > np.cos(config.glare_rad), surface.specular, 0.0)
+    return np.asarray(np.maximum(dark, glare))
+
+
+def _patches(shape: tuple[int, ...], side_px: int, rng: np.random.Generator) -> NDArray[np.float32]:
+    """Uniform random numbers (H, W), the same within squares of `side_px`."""
+    small = rng.random([-(-n // side_px) for n in shape], dtype=np.float32)
+    large = np.repeat(np.repeat(small, side_px, axis=0), side_px, axis=1)
+    return np.asarray(large[: shape[0], : shape[1]])

@@ -1,19 +1,16 @@
 from __future__ import annotations
 
+import subprocess
+import sys
 from collections.abc import Iterator
 
-import gtsam
 import numpy as np
 import pytest
 
-from akm_fg.records import PinholeCamera
 from sim.bullet import load_urdf, p, quiet
-from sim.camera import CameraConfig, render, rendered_intrinsics
+from sim.camera import CameraConfig
 from sim.episode import SimEpisode, open_world
-from sim.noise import NOISE_LEVELS, noisy_depth, noisy_rgb
-from sim.views import look_at
-
-PLANE_X_M = 1.1
+from sim.mirror import LocalScene, bodies_of, poses_of, shapes_of
 
 
 @pytest.fixture(scope="module")
@@ -22,56 +19,28 @@ def episode() -> Iterator[SimEpisode]:
         yield opened
 
 
-def render_plane(config: CameraConfig) -> tuple[np.ndarray, gtsam.Pose3]:
-    """Depth of the plane x = PLANE_X_M, seen askew."""
-    T_world_cam = look_at(np.array([0.0, 0.3, 0.2]), np.array([PLANE_X_M, -0.2, 0.5]))
+def all_in_one_picture(episode: SimEpisode) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """RGB, depth and where the robot is, drawn afresh: what moves and what stands still."""
+    world, camera = episode.world, episode.camera
     with quiet():
         client = p.connect(p.DIRECT)
-    half = [0.05, 5.0, 5.0]
-    shape = p.createVisualShape(p.GEOM_BOX, halfExtents=half, physicsClientId=client)
-    p.createMultiBody(0, -1, shape, [PLANE_X_M + 0.05, 0, 0], physicsClientId=client)
-    _, depth = render(client, T_world_cam, config)
+    for urdf, T_world_body in world.still:
+        load_urdf(client, urdf, T_world_body)
+    still = shapes_of(client, bodies_of(client))
+    moving = shapes_of(world.client, bodies_of(world.client))
+    poses = poses_of(client, still) + poses_of(world.client, moving)
     p.disconnect(physicsClientId=client)
-    return depth, T_world_cam
-
-
-def distance_to_plane(
-    depth: np.ndarray, camera: PinholeCamera, T_world_cam: gtsam.Pose3
-) -> np.ndarray:
-    v, u = np.mgrid[0 : camera.height, 0 : camera.width].astype(float)
-    p_cam = camera.back_project(np.stack([u, v], axis=-1), depth)
-    p_world = p_cam @ T_world_cam.rotation().matrix().T + T_world_cam.translation()
-    return np.abs(p_world[..., 0] - PLANE_X_M)
-
-
-def test_a_rendered_plane_projects_back_within_a_tenth_of_a_millimetre():
-    config = CameraConfig()
-    depth, T_world_cam = render_plane(config)
-    camera = rendered_intrinsics(config.width, config.height, config.focal_px)
-    assert np.isfinite(depth).all()
-    assert distance_to_plane(depth, camera, T_world_cam).max() < 1e-4
-    # The usual principal point would be wrong by more than that: the test can fail.
-    usual = PinholeCamera(
-        config.width, config.height, config.focal_px, config.focal_px, 319.5, 239.5
-    )
-    assert distance_to_plane(depth, usual, T_world_cam).max() > 1e-4
+    scene = LocalScene()
+    scene.show(still + moving)
+    picture = scene.draw(poses, camera.config.shot(camera.T_world_cam))
+    scene.close()
+    robot = [len(still) + i for i, shape in enumerate(moving) if shape.body == world.robot_id]
+    return picture.rgb, picture.depth_m, np.isin(picture.body, robot)
 
 
 def test_pixels_of_the_robot_carry_no_depth(episode: SimEpisode):
-    world, camera = episode.world, episode.camera
-    frame = camera.capture()
-    eye, R = camera.T_world_cam.translation(), camera.T_world_cam.rotation().matrix()
-    c = camera.config
-    x, y = 2 * c.focal_px / c.width, 2 * c.focal_px / c.height
-    segmentation = p.getCameraImage(
-        c.width,
-        c.height,
-        p.computeViewMatrix(eye.tolist(), (eye + R[:, 2]).tolist(), (-R[:, 1]).tolist()),
-        [x, 0, 0, 0, 0, y, 0, 0, 0, 0, -1.02, -1, 0, 0, -0.2, 0],
-        renderer=p.ER_TINY_RENDERER,
-        physicsClientId=world.client,
-    )[4]
-    robot = np.reshape(segmentation, (c.height, c.width)) == world.robot_id
+    frame = episode.camera.capture()
+    robot = all_in_one_picture(episode)[2]
     assert robot.sum() > 5000
     assert np.isnan(frame.depth_m[robot]).all()
 
@@ -100,57 +69,84 @@ def test_drawing_what_stands_still_once_changes_no_pixel():
         p.resetJointState(world.object_id, world.part_joint, 0.4, physicsClientId=world.client)
         rgb, depth = camera.exact()
         assert np.isnan(depth).mean() < 0.5
-        for urdf, T_world_body in world.still:  # all in one picture
-            load_urdf(world.client, urdf, T_world_body)
-        rgb_at_once, depth_at_once = render(world.client, camera.T_world_cam, camera.config)
+        rgb_at_once, depth_at_once, _ = all_in_one_picture(opened)
         np.testing.assert_array_equal(rgb, rgb_at_once)
         np.testing.assert_array_equal(depth, depth_at_once)
 
 
-def test_depth_noise_grows_with_the_square_of_distance():
-    camera = rendered_intrinsics(320, 240, 300.0)
-    rng = np.random.default_rng(0)
-    sd = []
-    for z in (0.8, 1.6, 3.2):
-        depth = noisy_depth(np.full((240, 320), z), camera, NOISE_LEVELS["d455"], rng)
-        sd.append(np.nanstd(depth))
-    np.testing.assert_allclose(np.array(sd[1:]) / sd[:-1], 4.0, rtol=0.1)
-    expected = 1.6**2 / (425.0 * 0.095) * 0.08
-    np.testing.assert_allclose(sd[1], expected, rtol=0.1)
+def test_a_picture_shows_the_part_where_it_is_now_and_bodies_that_came_later():
+    with open_world("drawer", seed=1, noise="clean") as opened:
+        world, camera = opened.world, opened.camera
+        closed = camera.exact()[1]
+        p.resetJointState(world.object_id, world.part_joint, 0.2, physicsClientId=world.client)
+        opened_m = camera.exact()[1]
+        p.setJointMotorControl2(
+            world.object_id,
+            world.part_joint,
+            p.VELOCITY_CONTROL,
+            targetVelocity=1.0,
+            force=1e4,
+            physicsClientId=world.client,
+        )
+        for _ in range(20):
+            world.step()
+        gained_m = world.part_state() - 0.2
+        assert gained_m > 0.01
+        after = camera.exact()[1]
+        # The front faces the camera askew: depth shrinks by the share of the way that goes there.
+        front = np.isfinite(opened_m) & (closed - opened_m > 0.05) & (opened_m - after > 0.0)
+        axis = world.truth().axis @ camera.T_world_cam.rotation().matrix()
+        normal = -axis  # of the front, in the camera; depth along z at a fixed pixel
+        v, u = np.nonzero(front)
+        c = camera.intrinsics
+        rays = np.stack([(u - c.cx) / c.fx, (v - c.cy) / c.fy, np.ones(len(u))], axis=-1)
+        nearer = gained_m / np.abs(rays @ normal)
+        error = (opened_m - after)[front] - nearer
+        assert np.median(np.abs(error)) < 1e-5
+        ball = p.createVisualShape(p.GEOM_SPHERE, radius=0.05, physicsClientId=world.client)
+        where = camera.T_world_cam.transformFrom(np.array([0.0, 0.0, 0.5]))
+        p.createMultiBody(0, -1, ball, where.tolist(), physicsClientId=world.client)
+        np.testing.assert_allclose(
+            camera.exact()[1][239, 320], 0.45, atol=3e-3
+        )  # a ball of triangles
 
 
-@pytest.mark.parametrize("level", ["d455", "harsh"])
-def test_noise_has_the_strength_and_reach_that_its_level_says(level: str):
-    camera, config = rendered_intrinsics(640, 480, 600.0), NOISE_LEVELS[level]
-    rng = np.random.default_rng(0)
-    error = noisy_depth(np.full((480, 640), 1.6), camera, config, rng) - 1.6
-    expected = 1.6**2 / (config.depth_focal_px * config.baseline_m) * config.disparity_sigma_px
-    np.testing.assert_allclose(error.std(), expected, rtol=0.1)
-    # Two blurs of one Gaussian: correlation exp(-d^2 / (4 s^2)); quantisation takes a little.
-    apart = round(config.correlation_px)
-    r = np.corrcoef(error[:, apart:].ravel(), error[:, :-apart].ravel())[0, 1]
-    np.testing.assert_allclose(r, np.exp(-(apart**2) / (4.0 * config.correlation_px**2)), atol=0.08)
-    grey = np.full((480, 640, 3), 120, dtype=np.uint8)
-    images = np.array([noisy_rgb(grey, config, rng).astype(float) for _ in range(30)])
-    np.testing.assert_allclose(images[0].std(), config.rgb_sigma, rtol=0.05)
-    means = images.mean(axis=(1, 2, 3))
-    np.testing.assert_allclose(means.std(), 120.0 * config.rgb_gain_sd, rtol=0.5, atol=0.05)
+HASHED = """
+import hashlib
+from sim.bullet import p
+from sim.episode import open_world
+
+def seen() -> str:
+    digest = hashlib.sha256()
+    with open_world("drawer", seed=3, noise="harsh") as e:
+        for q in (0.0, 0.1):
+            where = {"physicsClientId": e.world.client}
+            p.resetJointState(e.world.object_id, e.world.part_joint, q, **where)
+            frame = e.camera.capture()
+            digest.update(frame.rgb.tobytes() + frame.depth_m.tobytes())
+    return digest.hexdigest()
+"""
 
 
-def test_levels_grow_harsher():
-    clean, d455, harsh = (NOISE_LEVELS[name] for name in ("clean", "d455", "harsh"))
-    assert clean.disparity_sigma_px is None and clean.rgb_sigma == 0.0
-    assert d455.disparity_sigma_px < harsh.disparity_sigma_px
-    assert d455.edge_hole < harsh.edge_hole and d455.rgb_sigma < harsh.rgb_sigma
+def test_the_same_seed_gives_the_same_bytes_in_two_processes():
+    here: dict = {}
+    exec(HASHED, here)
+    command = [sys.executable, "-c", HASHED + "\nprint(seen())"]
+    there = subprocess.run(command, capture_output=True, text=True, check=True)
+    assert here["seen"]() == there.stdout.strip()
 
 
-def test_depth_is_lost_at_edges_and_kept_on_smooth_surfaces():
-    camera = rendered_intrinsics(320, 240, 300.0)
-    depth = np.full((240, 320), 1.6)
-    depth[:, 160:] = 1.0
-    noisy = noisy_depth(depth, camera, NOISE_LEVELS["d455"], np.random.default_rng(0))
-    assert np.isnan(noisy[:, 150:164]).mean() > 0.3
-    assert np.isnan(noisy[:, 180:300]).mean() < 0.01
+def test_another_seed_gives_other_noise_of_the_same_scene(episode: SimEpisode):
+    from sim.camera import SimCamera
+
+    frames = []
+    for seed in (1, 2):
+        camera = SimCamera(
+            episode.world, episode.camera.T_world_cam, seed, CameraConfig().scaled(0.5)
+        )
+        frames.append(camera.capture())
+        camera.close()
+    assert (frames[0].depth_m != frames[1].depth_m).mean() > 0.5
 
 
 def test_noise_keeps_the_image_range_and_the_clean_level_adds_none(episode: SimEpisode):
