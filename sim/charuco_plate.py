@@ -20,10 +20,10 @@ from akm_fg.records import FloatArray
 class PlateSpec:
     """The printed pattern and the plate it is on."""
 
-    squares_x: int = 7
-    squares_y: int = 5
-    square_m: float = 0.04
-    marker_m: float = 0.03
+    squares_x: int = 9  # 405 x 270 mm: a sheet of A3
+    squares_y: int = 6
+    square_m: float = 0.045
+    marker_m: float = 0.034
     dictionary: str = "DICT_4X4_50"  # six cells a side: readable at 13 pixels
     margin_m: float = 0.008  # white rim; also what the fingers clamp
     thickness_m: float = 0.004
