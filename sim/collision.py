@@ -129,7 +129,7 @@ def resampled(q: FloatArray, step_m: float) -> FloatArray:
 def inside_arm(p_world: FloatArray, q: FloatArray, slack_m: float) -> BoolArray:
     """(N,) which points (N, 3) lie in the arm at joint angles (7,), or within about `slack_m`.
 
-    The faces of the hulls are moved outwards by `slack_m`. The base, which never moves, is left out.
+    The hulls' faces are moved outwards by `slack_m`. The base, which never moves, is left out.
     """
     model, hulls = _robot()
     data, places = model.createData(), hulls.createData()

@@ -9,8 +9,9 @@ import gtsam
 import numpy as np
 
 from akm_fg.errors import GraspFailed, MotionInfeasible
-from akm_fg.records import FloatArray, TimedPath
+from akm_fg.records import FloatArray, RgbdFrame, TimedPath
 from sim.drive import ArmDrive
+from sim.free_motion import PlanConfig, RrtConnectPlanner, timed_motion
 from sim.gripper import GripperConfig, SimGripper
 from sim.impedance import (
     ImpedanceConfig,
@@ -18,11 +19,21 @@ from sim.impedance import (
     cartesian_torques,
     joint_impedance,
 )
-from sim.joint_path import TimeLawConfig, joint_motion
+from sim.joint_path import TimeLawConfig
 from sim.kinematics import N_ARM, Q_HOME, pose_error
 from sim.limits import MotionRecorder
+from sim.obstacle_map import MapConfig, ObstacleMap, map_from_frame, own_surroundings
 from sim.pulling import Pull, PullConfig
-from sim.reaching import ReachConfig, choose_grasp_configuration, line_motion, standoff
+from sim.reaching import (
+    GraspConfiguration,
+    GraspOptions,
+    ReachConfig,
+    Surroundings,
+    grasp_options,
+    line_motion,
+    standoff,
+    surroundings,
+)
 from sim.tracking import PathTracker, TrackConfig, path_is_reachable
 from sim.world import SimWorld
 
@@ -32,6 +43,8 @@ class FrankaConfig:
     """All settings of the arm."""
 
     reach: ReachConfig = field(default_factory=ReachConfig)
+    obstacles: MapConfig = field(default_factory=MapConfig)
+    plan: PlanConfig = field(default_factory=PlanConfig)
     time_law: TimeLawConfig = field(default_factory=TimeLawConfig)
     joints: JointImpedanceConfig = field(default_factory=JointImpedanceConfig)
     impedance: ImpedanceConfig = field(default_factory=ImpedanceConfig)
@@ -58,6 +71,17 @@ class SimFranka:
         self.gripper = SimGripper(world, self.config.gripper)
         self._drive = ArmDrive(world, self.gripper)
         self._q_rest = Q_HOME.copy()
+        self._floor_m = world.placement.floor_m  # as it was set up
+        self._seen: ObstacleMap | None = None
+
+    def see(self, frame: RgbdFrame) -> None:
+        """Keep clear, from now on, of what this frame shows and of what it cannot show behind it.
+
+        The frame is of this moment, the robot's own pixels carry no depth. Without any frame the
+        arm knows the floor and its own pedestal.
+        """
+        q = self.measured_joints()[0]
+        self._seen = map_from_frame(frame, q, self._floor_m, self.config.obstacles)
 
     def record(self) -> MotionRecorder:
         """From now on every executed control step goes into the recorder that is returned."""
@@ -81,15 +105,13 @@ class SimFranka:
         """Let go, move to the pre-grasp, approach along the gripper's z, close the fingers.
 
         Raises:
-            MotionInfeasible: the pose cannot be reached.
+            MotionInfeasible: the pose cannot be reached, or not without touching something.
             GraspFailed: the approach was blocked, or the fingers met with nothing between them.
         """
-        choice = choose_grasp_configuration(self._kinematics, T_world_grasp, self.config.reach)
-        if choice is None:
-            where = np.round(T_world_grasp.translation(), 3)
-            raise MotionInfeasible(f"the grasp at {where} m is out of the arm's reach")
+        around, options = self._options(T_world_grasp)
         yield from self._drive.execute(self._release(), tick_s)
-        yield from self._drive.execute(self._free_motion(choice.q_pregrasp), tick_s)
+        motion = self._free_motion(options.configurations, around)
+        yield from self._drive.execute(motion, tick_s)
         approach = self._straight(T_world_grasp, self.config.reach.standoff_m, 0.0)
         yield from self._drive.execute(approach, tick_s)
         off_m = float(
@@ -145,13 +167,45 @@ class SimFranka:
         wrench = np.concatenate([force, moment])
         return cartesian_torques(wrench, J, q, dq, self._q_rest, balance, c)
 
-    def _free_motion(self, q_to: FloatArray) -> Iterator[FloatArray]:
-        """From where the arm is to joint angles (7,)."""
-        yield from self._joint_move([self._drive.state.q, q_to])
+    def _options(self, T_world_grasp: gtsam.Pose3) -> tuple[Surroundings, GraspOptions]:
+        """What is around, and the arm's clear configurations for a grasp: at least one.
 
-    def _joint_move(self, waypoints: Sequence[FloatArray]) -> Iterator[FloatArray]:
+        Raises:
+            MotionInfeasible: there are none.
+        """
+        reach, p_grasp = self.config.reach, T_world_grasp.translation()
+        around = surroundings(own_surroundings(self._floor_m), self._seen, p_grasp, reach)
+        options = grasp_options(self._kinematics, T_world_grasp, around, reach)
+        where = f"the grasp at {np.round(p_grasp, 3)} m"
+        if not options.reachable:
+            raise MotionInfeasible(f"{where} is out of the arm's reach")
+        if not options.configurations:
+            raise MotionInfeasible(f"{where} is not clear: {options.touched} would touch")
+        return around, options
+
+    def _free_motion(
+        self, goals: Sequence[GraspConfiguration], around: Surroundings
+    ) -> Iterator[FloatArray]:
+        """From where the arm is to the first of the pre-grasps that it finds a free way to."""
+        planner = RrtConnectPlanner(around.free_motion, self.config.plan)
+        q_from, problem = self._drive.state.q, None
+        for goal in goals:
+            try:
+                waypoints = planner.plan(q_from, goal.q_pregrasp)
+            except MotionInfeasible as error:
+                problem = problem or error
+                continue
+            yield from self._joint_move(waypoints, around)
+            return
+        assert problem is not None
+        raise problem
+
+    def _joint_move(self, waypoints: FloatArray, around: Surroundings) -> Iterator[FloatArray]:
         """Free motion along waypoints (K, 7) rad, the first where the arm is, from rest to rest."""
-        motion = joint_motion(waypoints, self._drive.step_s, self.config.time_law)
+        step_m = self.config.plan.step_m
+        motion = timed_motion(
+            waypoints, around.free_motion, self._drive.step_s, self.config.time_law, step_m
+        )
         for q_ref, dq_ref, ddq_ref in zip(motion.q, motion.dq, motion.ddq, strict=True):
             state = self._drive.state
             fingers = sum(state.fingers_m) / 2.0

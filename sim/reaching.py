@@ -1,4 +1,4 @@
-"""Which arm configuration to grasp with, and jerk-limited joint motion to it."""
+"""Which arm configuration to grasp with, clear of what is around, and the straight line to it."""
 
 from __future__ import annotations
 
@@ -9,19 +9,12 @@ import gtsam
 import numpy as np
 import ruckig
 
-from akm_fg.errors import MotionInfeasible
 from akm_fg.records import FloatArray
-from sim.kinematics import (
-    DDDQ_MAX,
-    DDQ_MAX,
-    DQ_MAX,
-    N_ARM,
-    Q_HOME,
-    Q_MAX,
-    Q_MIN,
-    FrankaKinematics,
-    limit_margin_rad,
-)
+from sim.collision import FINGERS, HAND, ArmCollisions, Obstacle, resampled
+from sim.kinematics import N_ARM, Q_HOME, Q_MAX, Q_MIN, FrankaKinematics, limit_margin_rad
+from sim.obstacle_map import ObstacleMap
+
+SAME_RAD = 0.05  # joint angles nearer than this belong to one branch
 
 
 @dataclass(frozen=True, slots=True)
@@ -29,12 +22,13 @@ class ReachConfig:
     """How a grasp pose is approached and what is wished of the arm afterwards."""
 
     standoff_m: float = 0.10  # from the pre-grasp to the grasp, along the gripper's z
+    approach_steps: int = 3  # poses along it that inverse kinematics is asked for
     retreat_m: float = 0.30  # a straight pull that should stay reachable: more is better
     retreat_steps: int = 6
     starts: int = 10  # of the inverse kinematics, home first
-    speed: float = 0.25  # share of Franka's velocity limits
-    acceleration: float = 0.15  # share of its acceleration limits
-    jerk: float = 0.02  # share of its jerk limits
+    margin_m: float = 0.02  # kept from obstacles: tracking error, and noise of the depth
+    grasp_room_m: float = 0.09  # around the grasp point the hand may come near to what is seen
+    step_m: float = 0.01  # no point of the arm moves farther between two collision checks
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,6 +39,48 @@ class GraspConfiguration:
     q_grasp: FloatArray
 
 
+@dataclass(frozen=True, slots=True)
+class Surroundings:
+    """The obstacles of one grasp, as the two parts of the way to it have to respect them."""
+
+    free_motion: ArmCollisions  # the whole arm
+    approach: ArmCollisions  # fingers anywhere, the hand near the grasp point
+
+
+@dataclass(frozen=True, slots=True)
+class GraspOptions:
+    """The configurations for a grasp, best first, and why there are not more."""
+
+    configurations: tuple[GraspConfiguration, ...]
+    reachable: bool  # whether there are any without regard to obstacles
+    touched: str | None  # what would touch in the first of those that are not clear
+
+
+def surroundings(
+    known: list[Obstacle], seen: ObstacleMap | None, p_grasp: FloatArray, config: ReachConfig
+) -> Surroundings:
+    """The arm among obstacles, for the way to a grasp at the point (3,), world.
+
+    Args:
+        known: what the arm need not see.
+        seen: what a camera saw; None where none has looked.
+        p_grasp: between the fingertips, at the grasp.
+        config: margins.
+    """
+    whole = seen.obstacle() if seen else None
+    room = seen.obstacle(p_grasp, config.grasp_room_m) if seen else None
+    for_arm = [] if whole is None else [_spared(whole, (HAND, *FINGERS))]
+    for_hand = [] if room is None else [_spared(room, FINGERS)]
+    return Surroundings(
+        ArmCollisions([*known, *([whole] if whole else [])], config.margin_m),
+        ArmCollisions([*known, *for_arm, *for_hand], config.margin_m),
+    )
+
+
+def _spared(obstacle: Obstacle, links: tuple[str, ...]) -> Obstacle:
+    return Obstacle(obstacle.name, obstacle.geometry, obstacle.T_world_obstacle, links)
+
+
 def standoff(T_world_grasp: gtsam.Pose3, back_m: float) -> gtsam.Pose3:
     """The pose `back_m` behind a grasp, along its own z."""
     return T_world_grasp * gtsam.Pose3(gtsam.Rot3(), np.array([0.0, 0.0, -back_m]))
@@ -53,35 +89,66 @@ def standoff(T_world_grasp: gtsam.Pose3, back_m: float) -> gtsam.Pose3:
 def choose_grasp_configuration(
     kinematics: FrankaKinematics, T_world_grasp: gtsam.Pose3, config: ReachConfig | None = None
 ) -> GraspConfiguration | None:
-    """The inverse-kinematics branch that can pull back farthest with the widest joint margin.
-
-    Knows nothing of the joint: a straight retreat stands for the pull to come. None where the
-    grasp or its pre-grasp is out of reach.
-    """
-    config = config or ReachConfig()
-    best: GraspConfiguration | None = None
-    best_score = -np.inf
-    for q_start in _starts(config.starts):
-        choice, score = _try_branch(kinematics, T_world_grasp, q_start, config)
-        if choice is not None and score > best_score + 1e-6:
-            best, best_score = choice, score
-    return best
+    """The best of `grasp_options` where nothing is around, or None."""
+    options = grasp_options(kinematics, T_world_grasp, None, config).configurations
+    return options[0] if options else None
 
 
-def _try_branch(
+def grasp_options(
     kinematics: FrankaKinematics,
     T_world_grasp: gtsam.Pose3,
-    q_start: FloatArray,
+    around: Surroundings | None,
+    config: ReachConfig | None = None,
+) -> GraspOptions:
+    """The inverse-kinematics branches of a grasp that are clear of what is around.
+
+    Those that can pull back farthest with the widest joint margin come first. Knows nothing of
+    the joint: a straight retreat stands for the pull to come.
+    """
+    config = config or ReachConfig()
+    scored: list[tuple[float, GraspConfiguration]] = []
+    tried: list[FloatArray] = []
+    touched: str | None = None
+    for q_start in _starts(config.starts):
+        q_grasp = kinematics.solve(T_world_grasp, q_start)
+        if q_grasp is None or any(np.abs(q_grasp - q).max() < SAME_RAD for q in tried):
+            continue
+        way = [
+            standoff(T_world_grasp, float(back))
+            for back in np.linspace(0.0, config.standoff_m, config.approach_steps)[1:]
+        ]
+        approach = kinematics.chain(way, q_grasp)
+        if approach is None:
+            continue
+        tried.append(q_grasp)
+        choice = GraspConfiguration(approach[-1], q_grasp)
+        if around is not None:
+            hit = _touched(np.array([q_grasp, *approach]), around, config)
+            if hit is not None:
+                touched = touched or hit
+                continue
+        scored.append((_score(kinematics, T_world_grasp, choice, config), choice))
+    scored.sort(key=lambda pair: -pair[0])  # stable: home's branch first among equals
+    return GraspOptions(tuple(choice for _, choice in scored), bool(tried), touched)
+
+
+def _touched(approach: FloatArray, around: Surroundings, config: ReachConfig) -> str | None:
+    """What the arm would touch at the pre-grasp or on the way in, from the grasp outwards."""
+    touched = around.free_motion.touched(approach[-1])
+    if touched is not None:
+        return touched
+    hits = (around.approach.touched(q) for q in resampled(approach, config.step_m))
+    return next((hit for hit in hits if hit is not None), None)
+
+
+def _score(
+    kinematics: FrankaKinematics,
+    T_world_grasp: gtsam.Pose3,
+    choice: GraspConfiguration,
     config: ReachConfig,
-) -> tuple[GraspConfiguration | None, float]:
-    q_grasp = kinematics.solve(T_world_grasp, q_start)
-    if q_grasp is None:
-        return None, -np.inf
-    way = [standoff(T_world_grasp, b) for b in np.linspace(0, config.standoff_m, 3)[1:]]
-    approach = kinematics.chain(way, q_grasp)
-    if approach is None:
-        return None, -np.inf
-    reached, margin, q = 0.0, limit_margin_rad(q_grasp), approach[-1]
+) -> float:
+    """How far the arm can pull back in a straight line, m, plus its joint margin, rad up to 0.5."""
+    reached, margin, q = 0.0, limit_margin_rad(choice.q_grasp), choice.q_pregrasp
     backs = np.linspace(config.standoff_m, config.retreat_m, config.retreat_steps)[1:]
     for back in backs:
         step = kinematics.chain([standoff(T_world_grasp, float(back))], q)
@@ -89,8 +156,7 @@ def _try_branch(
             break
         q, reached = step[0], float(back)
         margin = min(margin, limit_margin_rad(q))
-    score = reached + min(margin, 0.5)
-    return GraspConfiguration(approach[-1], q_grasp), score
+    return reached + min(margin, 0.5)
 
 
 def _starts(count: int) -> Iterator[FloatArray]:
@@ -98,37 +164,6 @@ def _starts(count: int) -> Iterator[FloatArray]:
     rng = np.random.default_rng(0)
     for _ in range(count - 1):
         yield Q_HOME + rng.uniform(-1.0, 1.0, N_ARM) * 0.35 * (Q_MAX - Q_MIN)
-
-
-def joint_motion(
-    q_from: FloatArray, q_to: FloatArray, step_s: float, config: ReachConfig
-) -> Iterator[tuple[FloatArray, FloatArray, FloatArray]]:
-    """Jerk-limited motion from rest to rest: (q, dq, ddq), each (7,), every `step_s`.
-
-    Raises:
-        MotionInfeasible: an end lies outside the joint limits.
-    """
-    for q in (q_from, q_to):
-        if limit_margin_rad(q) < -1e-3:
-            raise MotionInfeasible(f"joint angles {np.round(q, 3)} are outside the limits")
-    otg = ruckig.Ruckig(N_ARM, step_s)
-    inp = ruckig.InputParameter(N_ARM)
-    inp.current_position, inp.target_position = q_from.tolist(), q_to.tolist()
-    inp.max_velocity = (config.speed * DQ_MAX).tolist()
-    inp.max_acceleration = (config.acceleration * DDQ_MAX).tolist()
-    inp.max_jerk = (config.jerk * DDDQ_MAX).tolist()
-    out = ruckig.OutputParameter(N_ARM)
-    result = ruckig.Result.Working
-    while result == ruckig.Result.Working:
-        result = otg.update(inp, out)
-        if result < 0:
-            raise MotionInfeasible(f"no jerk-limited motion to {np.round(q_to, 3)}: {result}")
-        yield (
-            np.array(out.new_position),
-            np.array(out.new_velocity),
-            np.array(out.new_acceleration),
-        )
-        out.pass_to_input(inp)
 
 
 def line_motion(length_m: float, step_s: float, speed_m_s: float) -> Iterator[float]:

@@ -4,7 +4,7 @@ import gtsam
 import numpy as np
 
 from sim.kinematics import Q_HOME, Q_MAX, Q_MIN, FrankaKinematics, limit_margin_rad
-from sim.reaching import ReachConfig, choose_grasp_configuration, joint_motion, standoff
+from sim.reaching import ReachConfig, choose_grasp_configuration, standoff
 
 
 def test_inverse_kinematics_is_exact_to_a_tenth_of_a_millimetre_and_keeps_the_limits():
@@ -44,11 +44,3 @@ def test_the_pregrasp_lies_behind_the_grasp_along_the_approach():
     wanted = standoff(grasp, ReachConfig().standoff_m)
     assert wanted.equals(kinematics.T_world_gripper(choice.q_pregrasp), 1e-3)
     np.testing.assert_allclose(wanted.translation(), [0.5, 0.1, 0.5], atol=1e-9)
-
-
-def test_joint_motion_ends_where_it_should_and_moves_smoothly():
-    goal = Q_HOME + 0.5 * np.array([1, 1, -1, 1, 1, -1, 1])
-    steps = list(joint_motion(Q_HOME, goal, 1e-3, ReachConfig()))
-    q = np.array([s[0] for s in steps])
-    np.testing.assert_allclose(q[-1], goal, atol=1e-9)
-    np.testing.assert_allclose(np.diff(q, axis=0) / 1e-3, [s[1] for s in steps[1:]], atol=5e-3)
