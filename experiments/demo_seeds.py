@@ -31,7 +31,7 @@ def run_trial(kind: str, seed: int, out: Path) -> dict[str, Any]:
         subprocess.run(command, check=False, capture_output=True)
     text = row_file.read_text() if row_file.exists() else ""
     if not text:
-        return {"object": f"{kind}-{seed}", "failure": "the demo wrote no result"}
+        return {"object": kind, "seed": seed, "failure": "the demo wrote no result"}
     row: dict[str, Any] = json.loads(text)
     return row
 
@@ -71,7 +71,7 @@ def summary(name: str, rows: list[dict[str, Any]]) -> str:
             lines.append(f"  {key}: median {np.median(values):.4g}, largest {values.max():.4g}")
     seconds = [row["time_s"]["total"] for row in done]
     lines.append(f"  seconds: median {np.median(seconds):.0f}, largest {max(seconds):.0f}")
-    lines += [f"  {row['object']}: {row['failure']}" for row in rows if row.get("failure")]
+    lines += [f"  seed {row['seed']}: {row['failure']}" for row in rows if row.get("failure")]
     return "\n".join(lines)
 
 
@@ -87,7 +87,7 @@ def main() -> None:
         rows = []
         for seed in range(arguments.first_seed, arguments.first_seed + arguments.seeds):
             rows.append(run_trial(kind, seed, arguments.out))
-            print(f"{rows[-1]['object']}: {rows[-1]['failure'] or 'reached'}", file=sys.stderr)
+            print(f"{kind} {seed}: {rows[-1]['failure'] or 'reached'}", file=sys.stderr)
         print(summary(kind, rows))
 
 

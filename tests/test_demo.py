@@ -80,6 +80,7 @@ def test_the_demo_goes_from_a_closed_object_to_a_report(name, request):
     run, folder = ran.json, ran.folder
     assert ran.code == 0, run["failure"]
     assert run["schema"] == "akm-fg/run/1"
+    assert run["object"] == name and run["rounds"] >= 1
     assert run["posterior"]["kind"] == run["truth"]["kind"]
     assert run["p_within_tolerance"] >= 0.95
     assert abs(run["truth"]["final_state"] - run["target"]) < 0.1 * run["target"]
@@ -176,7 +177,8 @@ def test_an_interrupted_demo_leaves_what_was_recorded_readable(tmp_path, monkeyp
     assert demo(arguments, SMALL) == 130
     folder = _only_folder(tmp_path / "runs")
     assert len(read_recording(folder / "recording").frames) == 4
-    assert "interrupted" in (folder / "report.html").read_text()
+    page = (folder / "report.html").read_text()
+    assert "interrupted" in page and f"akm-fg fit {folder}/recording --json -" in page
 
 
 def test_a_grasp_that_fails_before_the_first_frame_is_told(tmp_path, monkeypatch, capfd):

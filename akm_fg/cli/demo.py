@@ -94,7 +94,9 @@ def demo(arguments: DemoArguments, setting: DemoSetting | None = None) -> int:
         summary.time_s["total"] = time.perf_counter() - began
         _write(folder, summary)
         if stream is not None:
-            write_line(stream, json_module.dumps(_as_dict(summary), allow_nan=False))
+            write_line(
+                stream, json_module.dumps(_as_dict(arguments.object, summary), allow_nan=False)
+            )
     if arguments.json != "-":
         _print(summary, folder)
     if interrupted:
@@ -178,7 +180,7 @@ def _print(summary: RunSummary, folder: Path) -> None:
     console.print(f"report: {folder / 'report.html'}", soft_wrap=True)
 
 
-def _as_dict(summary: RunSummary) -> dict[str, Any]:
+def _as_dict(name: str, summary: RunSummary) -> dict[str, Any]:
     """The run as JSON (`akm-fg/run/1`, docs/conventions.md)."""
     from akm_fg.io.posterior_json import posterior_as_dict
 
@@ -186,7 +188,7 @@ def _as_dict(summary: RunSummary) -> dict[str, Any]:
     truth, posterior = summary.truth, summary.posterior
     return {
         "schema": "akm-fg/run/1",
-        "object": summary.title,
+        "object": name,
         "seed": summary.seed,
         "explored": posterior is not None,
         "attempts": 1,

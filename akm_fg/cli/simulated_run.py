@@ -76,7 +76,7 @@ def run_in_simulator(request: RunRequest) -> tuple[RunSummary, bool]:
         OutputError: the recording cannot be written.
     """
     episode, interrupted = Episode(), False
-    name = f"{request.object.label}-{request.seed}"
+    name = f"{request.object.name}, seed {request.seed}"
     camera = CameraConfig().scaled(request.image_scale)
     recording = request.folder / RECORDING
     with (
@@ -116,7 +116,7 @@ def _summary(
     turn = episode.closed_loop_frame
     return RunSummary(
         title=name,
-        command=request.command,
+        command=f"{request.command}\n{_replay(request, episode)}",
         seed=request.seed,
         version=__version__,
         recording=episode.recording(RECORDING),
@@ -130,3 +130,11 @@ def _summary(
         time_s=dict(episode.time_s),
         failure=episode.failure,
     )
+
+
+def _replay(request: RunRequest, episode: Episode) -> str:
+    """The command that gives the posterior again; it may be of fewer frames than there are."""
+    states = None if episode.fit is None else episode.fit.posterior.best.states
+    part = states is not None and len(states.mean) < len(episode.looks)
+    frames = f" --frames {len(states.mean)}" if states is not None and part else ""
+    return f"akm-fg fit {request.folder / RECORDING}{frames} --json -"

@@ -145,10 +145,11 @@ def _rounds(summary: RunSummary) -> str:
     goal = summary.goal
     if goal is None or not summary.rounds:
         return ""
-    names = ("round", "sent to", "believed state", "95 % bound", "probability within tolerance")
+    names = ("when", "sent to", "believed state", "95 % bound", "probability within tolerance")
     head = "".join(f'<th scope="col">{name}</th>' for name in names)
-    body = []
-    for i, r in enumerate(summary.rounds, start=1):
+    body, moves = [], 0
+    for r in summary.rounds:
+        moves += r.commanded is not None
         texts = (
             "only looked" if r.commanded is None else state(r.commanded, goal.unit),
             state(r.state_mean, goal.unit),
@@ -156,7 +157,8 @@ def _rounds(summary: RunSummary) -> str:
             per_cent(r.p_within_tolerance),
         )
         cells = "".join(_cell(n, t) for n, t in zip(names[1:], texts, strict=True))
-        body.append(f'<tr><th scope="row">round {i}</th>{cells}</tr>')
+        when = "look" if r.commanded is None else f"move {moves}"
+        body.append(f'<tr><th scope="row">{when}</th>{cells}</tr>')
     target = f"{chosen(goal.target, goal.unit)} ± {chosen(goal.tolerance, goal.unit)}"
     return (
         f"<h2>Closed loop: target {target}</h2>"
@@ -177,7 +179,10 @@ def _facts(summary: RunSummary) -> str:
         rows.append(
             ("tracks in the fit", f"{fit.tracks_used} used, {fit.tracks_rejected} rejected")
         )
-        rows.append(("residual of the fit", f"{size(fit.rms_m, 'm')} rms"))
+        rows.append(("residual of the tracks", f"{size(fit.rms_m, 'm')} rms"))
+        if fit.patches_used and fit.patches_rms_m is not None:
+            surface = f"{fit.patches_used} patches of {len(fit.keyframes_registered)} frames"
+            rows.append(("surface in the fit", f"{surface}, {size(fit.patches_rms_m, 'm')} rms"))
     times = ", ".join(f"{name} {duration(t)}" for name, t in summary.time_s.items())
     rows.append(("time per stage", times or NONE))
     return "".join(f"<dt>{escape(term)}</dt><dd>{escape(text)}</dd>" for term, text in rows)

@@ -15,6 +15,7 @@ def what_was_done(summary: RunSummary) -> str:
     frames = len(summary.recording.frames)
     count = 0 if summary.tracks is None else summary.tracks.pixels.visible.shape[1]
     watched = f"{count} points followed through {_frames(frames)} of one fixed RGB-D camera"
+    watched += _surface_words(summary)
     if summary.goal is None:
         return (
             f"From {watched}, a factor graph worked out what moved and how: the kind of joint, its "
@@ -30,6 +31,13 @@ def what_was_done(summary: RunSummary) -> str:
     if not summary.rounds:
         return f"{learnt}, and was to move the part to {goal}."
     return f"{learnt}, and then moved the part towards {goal}, looking again after each move."
+
+
+def _surface_words(summary: RunSummary) -> str:
+    fit = None if summary.posterior is None else summary.posterior.fit
+    if fit is None or not fit.patches_used:
+        return ""
+    return f" and the part's surface in {len(fit.keyframes_registered)} of them"
 
 
 def _frames(n: int) -> str:

@@ -146,6 +146,7 @@ def make_posterior(kind: str, named: str | None = None, **fit) -> ArticulationPo
         )
     report = dict.fromkeys((f.name for f in fields(FitReport)), 1.0)
     report |= {"tracks_used": 38, "tracks_rejected": 4, "rms_m": 0.0021}
+    report |= {"keyframes_registered": (), "patches_used": 0, "patches_rms_m": None}
     report |= {"parametric": True, "warnings": (), **fit}
     return ArticulationPosterior(
         "synthetic/cabinet", named or kind, p, alternatives, FitReport(**report), {"total": 0.1}

@@ -68,7 +68,7 @@ def test_names_inside_the_plots_are_unique_and_resolve(page):
         "state, frame 11",
         "95 % bound",
         "true error",
-        "round 2",
+        "move 2",
         "How to read this",
         "How to reproduce",
         "akm-fg demo --seed 3",
@@ -98,6 +98,20 @@ def test_strings_are_escaped(scenes):
 
 def test_the_same_run_gives_the_same_page(scenes, page):
     assert render_page(scenes.summary("revolute")) == page
+
+
+def test_a_look_is_no_move(words, scenes):
+    moved = scenes.summary("revolute").rounds
+    text = words(scenes.summary("revolute", rounds=(replace(moved[0], commanded=None), moved[1])))
+    assert "look only looked" in text and "move 1" in text and "move 2" not in text
+
+
+def test_the_surface_is_told_where_it_is_in_the_fit(words, scenes):
+    fit = {"keyframes_registered": (0, 5, 11), "patches_used": 321, "patches_rms_m": 0.0006}
+    text = words(scenes.summary("revolute", posterior=scenes.posterior("revolute", **fit)))
+    assert "RGB-D camera and the part's surface in 3 of them" in text
+    assert "surface in the fit 321 patches of 3 frames, 0.060 cm rms" in text
+    assert "surface" not in words(scenes.summary("revolute"))
 
 
 def test_a_drawer_has_no_pivot(words, scenes):
