@@ -34,7 +34,8 @@ from sim.reaching import (
     standoff,
     surroundings,
 )
-from sim.tracking import PathTracker, TrackConfig, path_is_reachable
+from sim.reference import pose_reference, within_joint_limits
+from sim.tracking import PathTracker, TrackConfig
 from sim.world import SimWorld
 
 
@@ -133,13 +134,16 @@ class SimFranka:
     def follow(self, path: TimedPath, tick_s: float) -> Iterator[None]:
         """Follow a timed path compliantly, and wait until the arm has come to rest.
 
+        The path takes longer than asked where the joints' limits ask for it.
+
         Raises:
             MotionInfeasible: a pose of the path cannot be reached.
         """
         q = self.measured_joints()[0]
-        if not path_is_reachable(self._kinematics, path, q):
+        feasible = within_joint_limits(self._kinematics, path, q, self._drive.step_s)
+        if feasible is None:
             raise MotionInfeasible("a pose of the path is out of the arm's reach")
-        yield from self._drive.execute(self._track(path), tick_s)
+        yield from self._drive.execute(self._track(feasible), tick_s)
 
     def _sense(self) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray, FloatArray]:
         """q, dq, T_world_gripper (4, 4), J_gripper_q (6, 7), torques of gravity and Coriolis."""
@@ -263,7 +267,8 @@ class SimFranka:
             yield cartesian_torques(wrench, J, q, dq, self._q_rest, balance, c)
 
     def _track(self, path: TimedPath) -> Iterator[FloatArray]:
-        tracker = PathTracker(path, self.config.track)
+        reference = pose_reference(path, self._sense()[2], self._drive.step_s)
+        tracker = PathTracker(reference, self.config.track)
         c = self.config.impedance
         while not tracker.finished:
             q, dq, T, J, balance = self._sense()

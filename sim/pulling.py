@@ -24,6 +24,8 @@ class PullConfig:
     ramp_m_s2: float = 0.05  # start and stop
     gain_n_m: float = 250.0  # force per metre of lag along the way
     damping_n_s_m: float = 60.0  # on the speed error along the way
+    brake_n_s_m: float = 200.0  # on the speed above the wanted one: a part that suddenly gives
+    unwind: float = 5.0  # times as fast the force falls then as it grew
     across_n_s_m: float = 40.0  # on speed across the way
     force_max_n: float = 40.0  # what gives at less is a moving part
     rotation_n_m_rad: float = 6.0
@@ -77,9 +79,11 @@ class Pull:
         self._track(T[:3, 3])
         self._update_speed(dt)
         along = float(self._direction @ twist[:3])
-        self._lag_m += (self._speed - along) * dt
-        self._lag_m = float(np.clip(self._lag_m, -0.02, c.force_max_n / c.gain_n_m))
-        push = c.gain_n_m * self._lag_m + c.damping_n_s_m * (self._speed - along)
+        behind = self._speed - along  # m/s
+        self._lag_m += (behind if behind > 0.0 or self._lag_m <= 0.0 else c.unwind * behind) * dt
+        self._lag_m = min(max(self._lag_m, -0.02), c.force_max_n / c.gain_n_m)
+        damping = c.damping_n_s_m if behind > 0.0 else c.brake_n_s_m
+        push = c.gain_n_m * self._lag_m + damping * behind
         across = twist[:3] - along * self._direction
         force = min(push, c.force_max_n) * self._direction - c.across_n_s_m * across
         self._notice_stuck(dt)
