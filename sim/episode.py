@@ -11,6 +11,7 @@ import gtsam
 from akm_fg.records import FloatArray, JointTruth
 from sim.camera import CameraConfig, SimCamera
 from sim.franka import FrankaConfig, SimFranka
+from sim.imported.imported_spec import ImportOptions
 from sim.noise import NOISE_LEVELS
 from sim.views import ViewConfig, camera_pose
 from sim.world import SimWorld, WorldConfig
@@ -37,6 +38,8 @@ def open_world(
     seed: int = 0,
     noise: str = "d455",
     *,
+    joint: str | None = None,
+    import_options: ImportOptions | None = None,
     world_config: WorldConfig | None = None,
     franka_config: FrankaConfig | None = None,
     camera_config: CameraConfig | None = None,
@@ -45,9 +48,12 @@ def open_world(
     """Opens the simulated world of one object and closes it again.
 
     Args:
-        object_name: `door`, `drawer`, or SUITE/NAME such as `furniture-dev/door-003`.
+        object_name: `door`, `drawer`, SUITE/NAME such as `furniture-dev/door-003`, a URDF file
+            or a PartNet-Mobility folder (`sim.staging.find_spec`).
         seed: varies size, place, mass, friction, looks and the camera's noise.
         noise: `clean`, `d455` or `harsh`.
+        joint: of a file or folder, the one that is free; needed where several move.
+        import_options: what else to say of a file or folder.
         world_config: physics.
         franka_config: arm and gripper.
         camera_config: image size and rendering; its noise is replaced by `noise`.
@@ -55,13 +61,13 @@ def open_world(
 
     Raises:
         ValueError: no such object or noise level.
-        InputError: no such suite, or no such object in it.
+        InputError: no such suite, object, file or joint, or a broken file.
         MotionInfeasible: no pose of the object can be opened by the arm.
     """
     if noise not in NOISE_LEVELS:
         raise ValueError(f"noise {noise!r}, expected one of {', '.join(NOISE_LEVELS)}")
     config = replace(camera_config or CameraConfig(), noise=NOISE_LEVELS[noise])
-    with SimWorld(object_name, seed, world_config) as world:
+    with SimWorld(object_name, seed, world_config, joint=joint, options=import_options) as world:
         arm = SimFranka(world, franka_config)
         T_world_cam = camera_pose(world, view or ViewConfig())
         camera = SimCamera(world, T_world_cam, seed, config)

@@ -58,10 +58,16 @@ def write_urdf(
     """
     still = _link("corpus", corpus, CORPUS_KG, folder)
     moving = _link("part", part, spec.mass_kg, folder)
-    joint = _joint(spec, origin, axis)
-    _write(folder / "corpus.urdf", spec.name, [still])
-    _write(folder / "moving.urdf", spec.name, [_unseen(still), moving, joint])
-    return _write(folder / "object.urdf", spec.name, [still, moving, joint])
+    return write_object(spec.name, still, moving, joint_element(spec, origin, axis), folder)
+
+
+def write_object(
+    name: str, still: ET.Element, moving: ET.Element, joint: ET.Element, folder: Path
+) -> Path:
+    """Writes `object.urdf`, `corpus.urdf` and `moving.urdf` of a corpus, a part and a joint."""
+    _write(folder / "corpus.urdf", name, [still])
+    _write(folder / "moving.urdf", name, [_unseen(still), moving, joint])
+    return _write(folder / "object.urdf", name, [still, moving, joint])
 
 
 def _write(path: Path, name: str, elements: list[ET.Element]) -> Path:
@@ -85,12 +91,7 @@ def _unseen(link: ET.Element) -> ET.Element:
 
 def _link(name: str, boxes: Sequence[Box], mass_kg: float, folder: Path) -> ET.Element:
     link = ET.Element("link", name=name)
-    com, inertia = inertia_of_boxes(boxes, mass_kg)
-    inertial = ET.SubElement(link, "inertial")
-    ET.SubElement(inertial, "origin", xyz=_text(com), rpy="0 0 0")
-    ET.SubElement(inertial, "mass", value=f"{mass_kg:.6f}")
-    terms = {f"i{'xyz'[i]}{'xyz'[j]}": inertia[i, j] for i in range(3) for j in range(i, 3)}
-    ET.SubElement(inertial, "inertia", {k: f"{v:.8f}" for k, v in terms.items()})
+    link.append(inertial_element(mass_kg, *inertia_of_boxes(boxes, mass_kg)))
     for material in sorted({box.material for box in boxes}):
         mesh = folder / f"{name}_{material}.obj"
         chosen = [box for box in boxes if box.material == material]
@@ -110,7 +111,18 @@ def _link(name: str, boxes: Sequence[Box], mass_kg: float, folder: Path) -> ET.E
     return link
 
 
-def _joint(spec: JointSpec, origin: FloatArray, axis: FloatArray) -> ET.Element:
+def inertial_element(mass_kg: float, com: FloatArray, inertia: FloatArray) -> ET.Element:
+    """Mass, its centre (3,) and the inertia (3, 3) about it, kg m^2, in the link's frame."""
+    inertial = ET.Element("inertial")
+    ET.SubElement(inertial, "origin", xyz=_text(com), rpy="0 0 0")
+    ET.SubElement(inertial, "mass", value=f"{mass_kg:.6f}")
+    terms = {f"i{'xyz'[i]}{'xyz'[j]}": inertia[i, j] for i in range(3) for j in range(i, 3)}
+    ET.SubElement(inertial, "inertia", {k: f"{v:.8f}" for k, v in terms.items()})
+    return inertial
+
+
+def joint_element(spec: JointSpec, origin: FloatArray, axis: FloatArray) -> ET.Element:
+    """The joint between corpus and part: origin (3,) and axis (3,) in the object frame."""
     element = ET.Element("joint", name=PART_JOINT, type=spec.kind)
     ET.SubElement(element, "parent", link="corpus")
     ET.SubElement(element, "child", link="part")

@@ -14,6 +14,7 @@ import numpy as np
 
 from akm_fg.records import JointTruth
 from sim.bullet import joint_index, load_urdf, p, quaternion_xyzw, quiet
+from sim.imported.imported_spec import ImportOptions
 from sim.kinematics import N_ARM, Q_HOME, FrankaKinematics
 from sim.mechanisms import resistance
 from sim.meshes import Box, write_textured_boxes
@@ -53,8 +54,17 @@ class SimWorld:
     World frame: the robot's base, z up.
     """
 
-    def __init__(self, object_name: str, seed: int, config: WorldConfig | None = None) -> None:
-        self.spec: PartSpec = find_spec(object_name, seed)
+    def __init__(
+        self,
+        object_name: str,
+        seed: int,
+        config: WorldConfig | None = None,
+        *,
+        joint: str | None = None,
+        options: ImportOptions | None = None,
+    ) -> None:
+        """Finds the object (`sim.staging.find_spec`); files are read, nothing is built yet."""
+        self.spec: PartSpec = find_spec(object_name, seed, joint, options)
         self.config = config or WorldConfig()
         self.kinematics = FrankaKinematics()
         self._steps = 0

@@ -8,6 +8,7 @@ joint; the arm and the camera never do).
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from typing import Protocol
 
 import gtsam
 import numpy as np
@@ -18,7 +19,38 @@ from sim.kinematics import FrankaKinematics, limit_margin_rad
 from sim.objects import BuiltObject
 from sim.placement import Placement, opened
 from sim.reaching import ReachConfig, choose_grasp_configuration
-from sim.suites.furniture_spec import FurnitureSpec
+
+
+class HandleStyled(Protocol):
+    """A handle or another place to grip."""
+
+    @property
+    def style(self) -> str:
+        """`edge` is a board pinched from the side."""
+
+
+class PlaceableSpec(Protocol):
+    """What is asked of an object to place it."""
+
+    @property
+    def name(self) -> str:
+        """For errors."""
+
+    @property
+    def key(self) -> tuple[int, ...]:
+        """Of the object; with the seed, of the poses that are tried."""
+
+    @property
+    def seed(self) -> int:
+        """Of the meeting."""
+
+    @property
+    def upper(self) -> float:
+        """End of the range, m or rad."""
+
+    @property
+    def handle(self) -> HandleStyled:
+        """Where it is gripped."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,7 +75,7 @@ class FurniturePlaceConfig:
 
 def place_furniture(
     built: BuiltObject,
-    spec: FurnitureSpec,
+    spec: PlaceableSpec,
     kinematics: FrankaKinematics,
     config: FurniturePlaceConfig | None = None,
 ) -> Placement:
@@ -79,7 +111,7 @@ def _candidate(
 
 
 def _grasps(
-    built: BuiltObject, spec: FurnitureSpec, config: FurniturePlaceConfig
+    built: BuiltObject, spec: PlaceableSpec, config: FurniturePlaceConfig
 ) -> list[gtsam.Pose3]:
     """T_object_grasp at the closed handle: both ways up, straight on first.
 
@@ -104,6 +136,7 @@ def _can_open(
 ) -> bool:
     T_world_grasp = T_world_object * T_object_grasp
     full = config.opening_m if built.spec.kind == "prismatic" else config.opening_rad
+    full = min(full, built.spec.upper)
     poses = [
         T_world_object * opened(built, float(q)) * T_object_grasp
         for q in np.linspace(0.0, full, config.steps)[1:]

@@ -13,7 +13,7 @@ import pytest
 from sim.cache import SCRATCH, STALE_S, cache_folder, digest, kept
 from sim.kinematics import FrankaKinematics
 from sim.object_record import RECORD, read_record, spec_text, write_record
-from sim.staging import _build_and_place, find_spec, stage
+from sim.staging import build_and_place, find_spec, stage
 
 
 @pytest.fixture(autouse=True)
@@ -82,7 +82,7 @@ def test_an_object_from_the_cache_is_the_one_that_was_built_bit_for_bit(tmp_path
     spec, kinematics = find_spec("furniture-dev/drawer-004", 2), FrankaKinematics()
     folder = tmp_path / "fresh"
     folder.mkdir()
-    built, placement = _build_and_place(spec, folder, kinematics)
+    built, placement = build_and_place(spec, folder, kinematics)
     kept_built, kept_placement = stage(spec, kinematics)
     kept_folder = kept_built.urdf.parent
     assert {f.name for f in kept_folder.iterdir()} == {f.name for f in folder.iterdir()} | {RECORD}

@@ -1,0 +1,1 @@
+"""Objects from a user's own files: PartNet-Mobility folders and URDF files."""
