@@ -137,6 +137,7 @@ def run_episode(
     watch = _Watch(arm, camera, episode, observer)
     tick_s = config.pull_tick_s
     try:
+        watch.show_the_arm()
         observer.stage("grasping the given contact")
         watch.until_done(arm.grasp(task.T_world_grasp, tick_s), "grasp", looking=False)
         watch.look()
@@ -170,6 +171,12 @@ class _Watch:
         if not looks or frame.stamp_s > looks[-1].frame.stamp_s:
             self.observer.looked(look)
             looks.append(look)
+        self.took("camera", began)
+
+    def show_the_arm(self) -> None:
+        """One frame for the arm alone: what it has to keep clear of. The part is not moving yet."""
+        began = time.perf_counter()
+        self._arm.see(self._camera.capture())
         self.took("camera", began)
 
     def until_done(self, motion: Iterator[None], stage: str, looking: bool = True) -> None:

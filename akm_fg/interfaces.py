@@ -34,11 +34,19 @@ class Arm(Protocol):
         """The measured gripper pose (forward kinematics of the measured joints)."""
         ...
 
+    def see(self, frame: RgbdFrame) -> None:
+        """Keep clear, from now on, of what this frame shows.
+
+        The frame is of this moment; it replaces what was seen before. Without any, the arm knows
+        only what it was set up with, such as the floor.
+        """
+        ...
+
     def grasp(self, T_world_grasp: gtsam.Pose3, tick_s: float) -> Iterator[None]:
-        """Approach along the gripper's z, close the fingers.
+        """Move clear of what was seen to a pre-grasp, approach along the gripper's z, close.
 
         Raises:
-            MotionInfeasible: the pose cannot be reached.
+            MotionInfeasible: the pose cannot be reached, or not without touching something.
             GraspFailed: the fingers met with nothing between them.
         """
         ...

@@ -50,7 +50,11 @@ class PaperDrawer:
     def holding(self):
         return self.lost_after is None or self.moves < self.lost_after
 
+    def see(self, frame):
+        self.seen = frame
+
     def grasp(self, T_world_grasp, tick_s):
+        assert self.seen.stamp_s > 0.0  # shown before it moves
         if self.fails:
             raise self.fails
         yield
