@@ -10,7 +10,7 @@ import numpy as np
 from akm_fg.records import FloatArray
 from sim.bullet import p
 from sim.gripper import SimGripper
-from sim.kinematics import N_ARM, Q_HOME
+from sim.kinematics import N_ARM
 from sim.limits import MotionRecorder, TorqueLimiter
 from sim.world import SimWorld
 
@@ -36,7 +36,7 @@ class ArmDrive:
         self.recorder: MotionRecorder | None = None
         self.state = self._measure()
         opening = sum(self.state.fingers_m)
-        at_rest = world.kinematics.gravity(Q_HOME, opening / 2.0)
+        at_rest = world.kinematics.gravity(self.state.q, opening / 2.0)
         self._limiter = TorqueLimiter(at_rest, self.step_s)
 
     def refresh(self) -> ArmState:
