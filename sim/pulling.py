@@ -10,6 +10,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+import pinocchio as pin
 
 from akm_fg.records import FloatArray
 from sim.impedance import bounded
@@ -92,16 +93,17 @@ class Pull:
     def _moment(self, T: FloatArray, twist: FloatArray, dt: float) -> FloatArray:
         c = self._config
         behind = rotation_vector(self._R_wanted @ T[:3, :3].T)
-        self._R_wanted = _rotate(-behind * dt / c.follow_s, self._R_wanted)
+        self._R_wanted = pin.exp3(-behind * dt / c.follow_s) @ self._R_wanted
         moment = c.rotation_n_m_rad * behind - c.rotation_damping * twist[3:]
         return bounded(moment, c.moment_max_n_m)
 
     def _track(self, position: FloatArray) -> None:
         """Path length, a point a millimetre, and the direction of the last `memory_m`."""
         step = position - self._trail[-1]
-        if np.linalg.norm(step) < 1e-3:
+        length = float(np.sqrt(step @ step))
+        if length < 1e-3:
             return
-        self.travelled_m += float(np.linalg.norm(step))
+        self.travelled_m += length
         self._trail.append(position.copy())
         keep = round(self._config.memory_m / 1e-3)
         if len(self._trail) <= keep // 2:
@@ -133,11 +135,3 @@ class Pull:
 
 def _unit(v: FloatArray) -> FloatArray:
     return v / np.linalg.norm(v)
-
-
-def _rotate(rotvec: FloatArray, R: FloatArray) -> FloatArray:
-    """R (3, 3) turned by a small rotation vector, kept orthonormal to second order."""
-    x, y, z = rotvec
-    K = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
-    turned = (np.eye(3) + K + 0.5 * K @ K) @ R
-    return 1.5 * turned - 0.5 * turned @ turned.T @ turned
