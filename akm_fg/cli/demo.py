@@ -1,4 +1,4 @@
-"""`akm-fg demo`: the main job on an embedded object, with a report."""
+"""`akm-fg demo`: the main job on a simulated object, with a report."""
 
 from __future__ import annotations
 
@@ -38,7 +38,10 @@ class DemoArguments:
     """
 
     object: str = "door"
-    """What the robot meets: door, drawer, or SUITE/NAME (akm-fg objects lists them)."""
+    """What the robot meets: door, drawer, SUITE/NAME (akm-fg objects lists them), a URDF file, or
+    the folder of a PartNet-Mobility object."""
+    joint: str | None = None
+    """Of a file or folder: the joint that is free, where several move."""
     target: str | None = None
     """Opening to reach from closed: metres (0.25) where it slides, degrees (35deg) where it
     turns."""
@@ -72,7 +75,7 @@ def demo(arguments: DemoArguments, setting: DemoSetting | None = None) -> int:
     from akm_fg.cli.simulated_run import RunRequest, run_in_simulator
     from akm_fg.closed_loop import EpisodeConfig
 
-    thing = parse_object(arguments.object)
+    thing = parse_object(arguments.object, arguments.joint)
     target = _target(arguments, wanted, thing.spec(arguments.seed))
     with json_output(arguments.json) as stream:
         folder = _make_folder(arguments.out, f"{thing.label}-{arguments.seed}")

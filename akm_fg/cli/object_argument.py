@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import re
+import shlex
 from dataclasses import dataclass
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 from akm_fg.errors import InputError
@@ -11,7 +13,10 @@ from akm_fg.errors import InputError
 if TYPE_CHECKING:
     from sim.objects import PartSpec
 
-WHAT = "door, drawer, or SUITE/NAME such as furniture-dev/door-003"
+WHAT = (
+    "door, drawer, SUITE/NAME such as furniture-dev/door-003, a URDF file, "
+    "or a PartNet-Mobility folder"
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -19,31 +24,68 @@ class ObjectArgument:
     """An object to be opened in the simulator."""
 
     name: str  # as `sim.episode.open_world` takes it
+    joint: str | None  # of a file or folder, the one that is free; None: there is no choice
+    ours: bool  # one of ours, and not a user's file or folder
+
+    @property
+    def title(self) -> str:
+        """What a report calls it: short, and still telling."""
+        if self.ours:
+            return self.name
+        from sim.imported.partnet import JOINT_MARK, PREFIX, URDF
+
+        place, _, marked = self.name.removeprefix(PREFIX).partition(JOINT_MARK)
+        path = Path(place).resolve()
+        short = path.parent.name if path.name == URDF else path.stem if path.suffix else path.name
+        joint = self.joint or marked
+        return f"{short}, {joint}" if joint else short
+
+    @property
+    def whole_name(self) -> str:
+        """Name and joint in one, as OBJECT takes them too."""
+        return self.name if self.joint is None else f"{self.name}#{self.joint}"
 
     @property
     def label(self) -> str:
-        """For titles and file names."""
-        return re.sub(r"[^\w.]+", "-", self.name).strip("-")
+        """Its title for file names."""
+        return re.sub(r"[^\w.]+", "-", self.title).strip("-.")
 
     @property
     def words(self) -> str:
         """The part of a command line that names it."""
-        return f"--object {self.name}"
+        joint = "" if self.joint is None else f" --joint {shlex.quote(self.joint)}"
+        return f"--object {shlex.quote(self.name)}{joint}"
 
     def spec(self, seed: int) -> PartSpec:
         """What the simulator knows of it.
 
         Raises:
-            InputError: there is no such object.
+            InputError: a broken file, no such object or joint, or several joints and none named.
         """
         from sim.staging import find_spec
 
-        try:
-            return find_spec(self.name, seed)
-        except ValueError as error:
-            raise InputError("--object", f"{self.name!r} is not known", WHAT) from error
+        return find_spec(self.name, seed, self.joint)
 
 
-def parse_object(text: str) -> ObjectArgument:
-    """The object that a person names."""
-    return ObjectArgument(text)
+def parse_object(text: str, joint: str | None = None) -> ObjectArgument:
+    """The object that a person names.
+
+    Raises:
+        InputError: it is neither one of ours nor a file or folder.
+    """
+    from sim.imported.partnet import JOINT_MARK, PREFIX
+    from sim.objects import OBJECT_NAMES
+    from sim.suites.catalogue import SUITES
+
+    if text in OBJECT_NAMES or text.partition("/")[0] in SUITES:
+        return ObjectArgument(text, joint, ours=True)
+    place = text.removeprefix(PREFIX).partition(JOINT_MARK)[0]
+    try:
+        found, is_file = Path(place).exists(), Path(place).is_file()
+    except (OSError, ValueError) as error:
+        raise InputError("--object", f"{text!r} is not a usable path", WHAT) from error
+    if not place or not found:
+        raise InputError("--object", f"{text!r} is no suite's object, file or folder", WHAT)
+    if is_file and not place.lower().endswith(".urdf"):
+        raise InputError("--object", f"{text!r} does not end in .urdf", WHAT)
+    return ObjectArgument(text, joint, ours=False)

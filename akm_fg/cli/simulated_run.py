@@ -76,11 +76,12 @@ def run_in_simulator(request: RunRequest) -> tuple[RunSummary, bool]:
         OutputError: the recording cannot be written.
     """
     episode, interrupted = Episode(), False
-    name = f"{request.object.name}, seed {request.seed}"
+    thing = request.object
+    name = f"{thing.title}, seed {request.seed}"
     camera = CameraConfig().scaled(request.image_scale)
     recording = request.folder / RECORDING
     with (
-        open_world(request.object.name, request.seed, camera_config=camera) as world,
+        open_world(thing.name, request.seed, joint=thing.joint, camera_config=camera) as world,
         RecordingWriter(recording) as writer,
     ):
         reporter = _Reporter(writer, world)
