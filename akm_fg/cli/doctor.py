@@ -10,6 +10,7 @@ from dataclasses import asdict, dataclass
 
 from akm_fg.cli.exit_codes import BAD_INPUT, DONE
 from akm_fg.cli.output import json_output, write_line
+from akm_fg.errors import AkmError
 
 
 @dataclass(frozen=True)
@@ -83,9 +84,23 @@ def examine(package: Package) -> Finding:
     return Finding(package.name, version, problem, package.optional, package.needed_for)
 
 
+def renderer() -> str:
+    """What draws the simulated camera's pictures, and why."""
+    try:
+        from sim.rendering import choose_renderer
+    except (ImportError, OSError):
+        return "none: the simulator is not installed"
+    try:
+        choice = choose_renderer()
+    except (AkmError, ValueError) as error:
+        return f"none: {error}"
+    return f"{choice.name} ({choice.reason})"
+
+
 def doctor(arguments: DoctorArguments) -> int:
     """Run the command."""
     findings = [examine(package) for package in PACKAGES]
+    drawn_by = renderer()
     with json_output(arguments.json) as stream:
         if stream is not None:
             report = {
@@ -93,14 +108,15 @@ def doctor(arguments: DoctorArguments) -> int:
                 "python": platform.python_version(),
                 "system": platform.platform(),
                 "packages": [asdict(finding) for finding in findings],
+                "renderer": drawn_by,
             }
             write_line(stream, json_module.dumps(report))
     if arguments.json != "-":
-        _print(findings)
+        _print(findings, drawn_by)
     return BAD_INPUT if any(f.problem and not f.optional for f in findings) else DONE
 
 
-def _print(findings: list[Finding]) -> None:
+def _print(findings: list[Finding], drawn_by: str) -> None:
     from rich.console import Console
     from rich.table import Table
 
@@ -115,6 +131,7 @@ def _print(findings: list[Finding]) -> None:
     console = Console()
     console.print(f"akm-fg {__version__}, Python {platform.python_version()}, {platform.system()}")
     console.print(table)
+    console.print(f"Simulated camera drawn by: {drawn_by}")
     absent = sorted({f.needed_for for f in findings if f.problem and f.optional})
     for what in absent:
         console.print(f"Without the above, {what} does not run; the estimator does.")

@@ -26,6 +26,18 @@ def test_doctor_says_what_is_missing_and_fails(monkeypatch, capfd):
     assert "not installed" in capfd.readouterr().out
 
 
+def test_doctor_names_the_renderer_and_why(monkeypatch, capfd):
+    pytest.importorskip("pybullet", reason="the simulator is not installed")
+    monkeypatch.setenv("AKM_FG_RENDERER", "tiny")
+    assert main(["doctor", "--json", "-"]) == 0
+    report = json.loads(capfd.readouterr().out.splitlines()[-1])
+    assert report["renderer"] == "tiny (AKM_FG_RENDERER=tiny)"
+    monkeypatch.setenv("AKM_FG_RENDERER", "vulkan")
+    assert main(["doctor"]) == 0
+    shown = " ".join(capfd.readouterr().out.split())
+    assert "drawn by: none: AKM_FG_RENDERER='vulkan', expected one of auto, tiny, egl" in shown
+
+
 def test_an_absent_optional_package_is_no_failure(monkeypatch, capfd):
     absent = doctor_module.Package("no-such-package", "no_such_module", "the moon", True)
     monkeypatch.setattr(doctor_module, "PACKAGES", (absent,))
