@@ -39,7 +39,7 @@ class CameraConfig:
 
     width: int = 640
     height: int = 480
-    focal_px: float = 600.0  # colour camera of a D435 at 640 x 480 (about 56 deg wide)
+    focal_px: float = 600.0  # middle of the 1280 x 800 colour image of a D455 (about 630 px)
     far_m: float = 8.0
     renderer: Wanted = "auto"
     mask_scale: int = 2  # the robot is drawn this many times smaller for masking
