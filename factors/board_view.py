@@ -32,7 +32,7 @@ import gtsam
 import numpy as np
 from numpy.typing import NDArray
 
-from factors.adapter import make_factor, square_root_rows
+from factors.adapter import make_factor
 from factors.joint_motion import skew
 from factors.student_t import twice_negative_log_kernel, weight
 
@@ -161,11 +161,25 @@ def board_view_factor(
             return out, None
         root = np.sqrt(weight(d2, dof, 2))[:, None] / sigma_px
         rows = (J * root[..., None]).reshape(-1, d)
-        A, out = square_root_rows(rows.T @ rows, rows.T @ (e * root).ravel(), twice_cost)
+        A, out = _fewest_rows(rows, (e * root).ravel(), twice_cost)
         return out, [A[:, :9], A[:, 9:15], A[:, 15:21], A[:, 21:]]
 
     noise = gtsam.noiseModel.Isotropic.Sigma(d + 1, np.sqrt(count_as_one))
     return make_factor(residual, blocks, noise)
+
+
+def _fewest_rows(rows: Array, e: Array, twice_cost: float) -> tuple[Array, Array]:
+    """`factors.adapter.square_root_rows` by QR of the rows themselves.
+
+    A pixel answers to a metre a million times as much as to k2; normal equations would square
+    that and lose what one view says of the lens.
+    """
+    d = rows.shape[1]
+    R = np.linalg.qr(np.column_stack([rows, e]), mode="r")[:d]
+    out = np.zeros((d + 1, d + 1))
+    out[: len(R)] = R
+    out[d, d] = max(twice_cost - float(out[:d, d] @ out[:d, d]), 0.0) ** 0.5
+    return out[:, :d], out[:, d]
 
 
 def _check(p_board: Array, uv: Array) -> None:

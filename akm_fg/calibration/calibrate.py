@@ -45,7 +45,7 @@ def calibrate(
         T_mount_cam_cov=fit.cam_cov,
         T_holder_board=fit.values.atPose3(BOARD),
         T_holder_board_cov=fit.board_cov,
-        corner_sd_px=fit.scale_px * float(np.sqrt(config.dof / (config.dof - 2.0))),
+        corner_scale_px=fit.scale_px,
         views=_residuals(data, fit),
         skipped=data.skipped,
         warnings=warnings + doubts(data, config, fit),

@@ -21,6 +21,7 @@ LEAST_VIEWS = 3  # two motions; OpenCV's hand-eye methods need as many
 LEAST_TURN_RAD = np.deg2rad(1.0)  # twenty times what an arm repeats to
 WEAK_TURN_RAD = np.deg2rad(8.0)
 SQUARE_TOLERANCE = 0.03  # relative; far above what board poses err by, below any misreading
+SQUARE_SDS = 5.0  # and that many standard deviations: few or noisy views say little of it
 WEAK_CAM_M = 2e-3  # standard deviations above which the camera's pose is called weak
 WEAK_CAM_RAD = np.deg2rad(0.2)
 MISFIT_CHANCE = 1e-3  # of calling a sound arm worse than stated
@@ -63,7 +64,7 @@ def require_turns(data: CalibrationViews, config: CalibrationConfig) -> tuple[st
         )
     along = R.mean(axis=0) @ directions[:, 0]
     along = along / np.linalg.norm(along) * np.sign(along[np.abs(along).argmax()])
-    way = "(" + ", ".join(f"{x:.2f}" for x in along + 0.0) + ")"
+    way = _direction(along)
     frame = name.split("_")[1]
     if spread[0] < LEAST_TURN_RAD:
         raise AxisUnobservable(
@@ -94,14 +95,26 @@ def require_square(data: CalibrationViews, config: CalibrationConfig, start: Sta
         turned = R_cam_mount @ T.rotation().matrix()
         rows.append(np.column_stack([T_cam_board.translation(), -turned, -np.eye(3)]))
         right.append(R_cam_mount @ T.translation())
-    scale = float(np.linalg.lstsq(np.vstack(rows), np.concatenate(right), rcond=None)[0][0])
-    if abs(scale - 1.0) > SQUARE_TOLERANCE:
+    scale, sd = _first_of_solution(np.vstack(rows), np.concatenate(right))
+    if abs(scale - 1.0) > max(SQUARE_TOLERANCE, SQUARE_SDS * sd):
         said, found = 1e3 * data.board.square_m, 1e3 * scale * data.board.square_m
         raise InputError(
             data.name,
             f"`square_m` says {said:.4g} mm, but by the robot's motion it is {found:.4g} mm",
             "the side of a square as printed, and robot poses that belong to the images",
         )
+
+
+def _first_of_solution(A: FloatArray, b: FloatArray) -> tuple[float, float]:
+    """First unknown of A x = b by least squares, and its standard deviation by the residuals."""
+    x = np.linalg.lstsq(A, b, rcond=None)[0]
+    left = max(len(b) - x.size, 1)
+    variance = float(((A @ x - b) ** 2).sum()) / left * np.linalg.pinv(A.T @ A)[0, 0]
+    return float(x[0]), float(np.sqrt(variance))
+
+
+def _direction(way: FloatArray) -> str:
+    return "(" + ", ".join(f"{x:.2f}" for x in np.round(way, 2) + 0.0) + ")"  # no minus zero
 
 
 def doubts(data: CalibrationViews, config: CalibrationConfig, fit: GraphFit) -> tuple[str, ...]:
@@ -133,10 +146,10 @@ def _weak_camera(name: str, cov: FloatArray) -> list[str]:
         variances, directions = np.linalg.eigh(block)
         sd = float(np.sqrt(variances[-1]))
         if sd > limit:
-            way = ", ".join(f"{x:.2f}" for x in directions[:, -1] + 0.0)
+            way = _direction(directions[:, -1])
             kind = "about" if part == "rotation" else "along"
             found.append(
-                f"{name}: its {part} {kind} ({way}) in camera axes is known to {factor * sd:.2g} "
+                f"{name}: its {part} {kind} {way} in camera axes is known to {factor * sd:.2g} "
                 f"{unit} only (standard deviation)"
             )
     return found

@@ -16,6 +16,7 @@ from dataclasses import dataclass
 import gtsam
 import numpy as np
 
+from akm_fg.calibration.covariance import JointCovariance, OpenDirection, joint_covariance
 from akm_fg.calibration.initial import Start, reported_mount_holder
 from akm_fg.calibration.records import CalibrationConfig, CalibrationViews
 from akm_fg.errors import AxisUnobservable
@@ -27,7 +28,7 @@ K, CAM, BOARD = gtsam.symbol("k", 0), gtsam.symbol("c", 0), gtsam.symbol("b", 0)
 HELD_PRECISION = 1e12  # of an intrinsic that is not estimated: 1e-6 pixels
 SCALE_ROUNDS = 20
 SCALE_TOLERANCE = 1e-3  # relative; a tenth of a percent of an sd is beyond what anyone reads
-CORNER_SD_START_PX = 0.5
+CORNER_SCALE_START_PX = 0.5
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,31 +64,39 @@ def solve(data: CalibrationViews, config: CalibrationConfig, start: Start) -> Gr
     """
     problem = _Problem(data, config, start)
     values = problem.first_values()
-    scale = config.corner_sd_px or CORNER_SD_START_PX
+    scale = config.corner_scale_px or CORNER_SCALE_START_PX
     try:
         for _ in range(SCALE_ROUNDS):
             graph = problem.graph(scale)
-            values = gtsam.LevenbergMarquardtOptimizer(graph, values).optimize()
-            fitted = problem.dof_of_fit(gtsam.Marginals(graph, values))
-            if config.corner_sd_px is not None:
+            values = gtsam.LevenbergMarquardtOptimizer(graph, values, _by_qr()).optimize()
+            fitted = problem.dof_of_fit(joint_covariance(graph, values))
+            if config.corner_scale_px is not None:
                 break
             before, scale = scale, problem.scale(values, scale, fitted)
             if abs(scale / before - 1.0) < SCALE_TOLERANCE:
                 break
         return _summary(problem, values, scale, fitted)
-    except RuntimeError as error:  # gtsam.IndeterminantLinearSystemException
-        raise AxisUnobservable(
-            f"{data.name}: the views leave {_open_variable(str(error))} open; expected the board "
-            "at several distances and tilts, in gripper poses that turn about two or more axes"
-        ) from error
+    except OpenDirection as error:
+        raise _open(data.name, error.key) from error
+    except RuntimeError as error:  # GTSAM's word for a singular system; it names the key
+        named = [key for key in (K, CAM, BOARD) if str(key) in str(error)]
+        raise _open(data.name, named[0] if named else CAM) from error
 
 
-def _open_variable(message: str) -> str:
-    names = {K: "the intrinsics", CAM: "the camera's pose", BOARD: "the board's pose"}
-    for key, name in names.items():
-        if gtsam.DefaultKeyFormatter(key) in message or str(key) in message:
-            return name
-    return "the camera's pose"
+def _by_qr() -> gtsam.LevenbergMarquardtParams:
+    """Pixels, metres and distortion differ too much in scale for Cholesky."""
+    parameters = gtsam.LevenbergMarquardtParams()
+    parameters.setLinearSolverType("MULTIFRONTAL_QR")
+    return parameters
+
+
+def _open(name: str, key: int) -> AxisUnobservable:
+    names = {K: "the intrinsics", BOARD: "the board's pose"}
+    what = names.get(key, "the camera's pose")
+    return AxisUnobservable(
+        f"{name}: the views leave {what} open; expected the board at several distances and tilts, "
+        "in gripper poses that turn about two or more axes"
+    )
 
 
 class _Problem:
@@ -95,6 +104,7 @@ class _Problem:
 
     def __init__(self, data: CalibrationViews, config: CalibrationConfig, start: Start) -> None:
         self.data, self.config, self.start = data, config, start
+        self.p_boards = data.p_boards
         self.reported = reported_mount_holder(data, config)
         self.robot_noise = [_robot_noise(T, config) for T in self.reported]
 
@@ -113,7 +123,7 @@ class _Problem:
         graph.add(gtsam.PriorFactorCal3DS2(K, gtsam.Cal3DS2(self.start.intrinsics), held))
         for i, T in enumerate(self.reported):
             graph.add(gtsam.PriorFactorPose3(holder_key(i), T, self.robot_noise[i]))
-            uv, p_board = self.data.views[i].uv, self.data.p_boards[i]
+            uv, p_board = self.data.views[i].uv, self.p_boards[i]
             noise = (scale_px, self.config.dof, count_as_one)
             graph.add(board_view_factor(K, CAM, holder_key(i), BOARD, p_board, uv, *noise))
         return graph
@@ -123,13 +133,13 @@ class _Problem:
         poses = values.atPose3(CAM).matrix(), values.atPose3(BOARD).matrix()
         lens = values.atCal3DS2(K).vector()
         out = []
-        for i, (view, p_board) in enumerate(zip(self.data.views, self.data.p_boards, strict=True)):
+        for i, (view, p_board) in enumerate(zip(self.data.views, self.p_boards, strict=True)):
             holder = values.atPose3(holder_key(i)).matrix()
             e, _ = board_view_residual(lens, poses[0], holder, poses[1], p_board, view.uv)
             out.append(e)
         return out
 
-    def robot_misfit_dof(self, marginals: gtsam.Marginals) -> float:
+    def robot_misfit_dof(self, cov: JointCovariance) -> float:
         """Expected squared Mahalanobis length of all reported against estimated poses.
 
         The deviation of a pose's estimate from its prior mean has covariance prior minus
@@ -137,14 +147,14 @@ class _Problem:
         """
         total = 0.0
         for i, noise in enumerate(self.robot_noise):
-            posterior = marginals.marginalCovariance(holder_key(i))
+            posterior = cov.of(holder_key(i))
             total += 6.0 - float(np.trace(noise.information() @ posterior))
         return total
 
-    def dof_of_fit(self, marginals: gtsam.Marginals) -> float:
+    def dof_of_fit(self, cov: JointCovariance) -> float:
         """Numbers that the corners determine: all that are free, less what the priors say."""
         free = 12.0 + 6.0 * len(self.reported) + float((_held(self.config) == 0.0).sum())
-        priors = 6.0 * len(self.reported) - self.robot_misfit_dof(marginals)
+        priors = 6.0 * len(self.reported) - self.robot_misfit_dof(cov)
         return free - priors
 
     def scale(self, values: gtsam.Values, scale_px: float, fitted: float) -> float:
@@ -181,8 +191,11 @@ def _summary(problem: _Problem, values: gtsam.Values, scale: float, fitted: floa
     e2 = np.concatenate([(e * e).sum(axis=1) for e in errors])
     # Residuals are smaller than errors by what the fit has taken out.
     d2 = e2 / scale**2 * (2.0 * e2.size) / max(2.0 * e2.size - fitted, 1.0)
-    count = covariance_factor(d2, problem.config.dof, 2)
-    marginals = gtsam.Marginals(problem.graph(scale, count), values)
+    if problem.config.corner_scale_px is None:
+        count = covariance_factor(d2, problem.config.dof, 2)
+    else:  # that of the noise as it is stated
+        count = (problem.config.dof + 4.0) / (problem.config.dof + 2.0)
+    cov = joint_covariance(problem.graph(scale, count), values)
     robot = np.array(
         [
             gtsam.Pose3.Logmap(T.between(values.atPose3(holder_key(i))))
@@ -194,12 +207,12 @@ def _summary(problem: _Problem, values: gtsam.Values, scale: float, fitted: floa
     )
     return GraphFit(
         values=values,
-        intrinsics_cov=marginals.marginalCovariance(K),
-        cam_cov=marginals.marginalCovariance(CAM),
-        board_cov=marginals.marginalCovariance(BOARD),
+        intrinsics_cov=cov.of(K),
+        cam_cov=cov.of(CAM),
+        board_cov=cov.of(BOARD),
         errors_px=tuple(errors),
         robot_errors=robot,
         robot_misfit=misfit,
-        robot_misfit_dof=problem.robot_misfit_dof(marginals),
+        robot_misfit_dof=problem.robot_misfit_dof(cov),
         scale_px=scale,
     )

@@ -73,7 +73,8 @@ def _views_alone(
         if not config.distortion:
             flags |= cv2.CALIB_FIX_K1 | cv2.CALIB_FIX_K2 | cv2.CALIB_ZERO_TANGENT_DIST
         size = (c.width, c.height)
-        _, matrix, lens, _, _ = cv2.calibrateCamera(points, pixels, size, matrix, lens, flags=flags)
+        solved = cv2.calibrateCamera(points, pixels, size, matrix, lens, flags=flags)
+        matrix, lens = (np.asarray(x, dtype=np.float64) for x in solved[1:3])
     poses = []
     for p_board, uv in zip(data.p_boards, pixels, strict=True):
         _, rvec, tvec = cv2.solvePnP(p_board, uv, matrix, lens, flags=cv2.SOLVEPNP_IPPE)

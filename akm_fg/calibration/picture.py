@@ -67,9 +67,11 @@ def _draw_cloud(axes: Any, result: HandEyeCalibration) -> None:
     axes.plot(*error.T, ".", markersize=3, color="0.2")
     angle = np.linspace(0.0, 2.0 * np.pi, 200)
     for factor in (1.0, 2.0):
-        radius = factor * result.corner_sd_px
+        radius = factor * result.corner_scale_px
         axes.plot(radius * np.cos(angle), radius * np.sin(angle), color="tab:red", lw=1)
     axes.set_aspect("equal")
-    axes.set_title(f"residuals; circles: 1 and 2 sd ({result.corner_sd_px:.3f} px)")
+    axes.set_title(
+        f"residuals; circles: noise scale, once and twice ({result.corner_scale_px:.3f} px)"
+    )
     axes.set_xlabel("along u, px")
     axes.set_ylabel("along v, px")

@@ -90,16 +90,16 @@ class CalibrationConfig:
     robot_sd_m: float = 1e-4  # of a reported pose; Franka's data sheet: repeatability 0.1 mm
     robot_sd_rad: float = np.deg2rad(0.05)
     dof: float = 6.0  # of the corners' Student-t noise, as of all observations here
-    corner_sd_px: float | None = None  # None: estimated from the residuals
+    corner_scale_px: float | None = None  # of that noise; None: estimated from the residuals
 
     def __post_init__(self) -> None:
-        for name in ("robot_sd_m", "robot_sd_rad"):
+        for name in ("robot_sd_m", "robot_sd_rad", "dof"):
             if not 0 < getattr(self, name) < np.inf:
                 raise ValueError(f"{name} is {getattr(self, name)}, expected a number above 0")
-        if not 2 < self.dof < np.inf:  # else the noise has no variance
-            raise ValueError(f"dof is {self.dof}, expected a number above 2")
-        if self.corner_sd_px is not None and not self.corner_sd_px > 0:
-            raise ValueError(f"corner_sd_px is {self.corner_sd_px}, expected a number above 0")
+        if self.corner_scale_px is not None and not self.corner_scale_px > 0:
+            raise ValueError(
+                f"corner_scale_px is {self.corner_scale_px}, expected a number above 0"
+            )
 
 
 @dataclass(frozen=True, slots=True)
@@ -136,7 +136,7 @@ class HandEyeCalibration:
     T_mount_cam_cov: FloatArray  # (6, 6)
     T_holder_board: gtsam.Pose3  # T_gripper_board, or T_world_board
     T_holder_board_cov: FloatArray  # (6, 6)
-    corner_sd_px: float  # standard deviation of a corner's coordinate
+    corner_scale_px: float  # scale of the corners' Student-t noise, each coordinate
     views: tuple[ViewResidual, ...]
     skipped: tuple[int, ...]
     warnings: tuple[str, ...]

@@ -42,7 +42,7 @@ def calibration_as_line(result: HandEyeCalibration) -> str:
         f"{board}_cov": result.T_holder_board_cov.tolist(),
         f"{board}_sd": pose_sd(result.T_holder_board_cov),
         "rms_px": result.rms_px,
-        "corner_sd_px": result.corner_sd_px,
+        "corner_scale_px": result.corner_scale_px,
         "views": [
             {
                 "frame": view.frame,

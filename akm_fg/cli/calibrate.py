@@ -167,8 +167,8 @@ def _print(result: HandEyeCalibration, truth: Path | None) -> None:
     console.print(calibration_table(result))
     seen, corners = len(result.views), sum(len(view.uv) for view in result.views)
     console.print(
-        f"{corners} corners in {seen} views, {result.rms_px:.3f} px rms; a corner's coordinate "
-        f"errs by {result.corner_sd_px:.3f} px (sd)"
+        f"{corners} corners in {seen} views, {result.rms_px:.3f} px rms; noise scale of a "
+        f"corner's coordinate {result.corner_scale_px:.3f} px"
     )
     if truth is not None:
         console.print(score_line(result, truth))
