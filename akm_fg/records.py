@@ -144,10 +144,13 @@ class PointTracks:
     @property
     def observed(self) -> BoolArray:
         """(T, N), True where the point was seen."""
-        return np.asarray(np.isfinite(self.p_world).all(axis=-1))
+        finite = np.isfinite(self.p_world)
+        return np.asarray(finite[..., 0] & finite[..., 1] & finite[..., 2])
 
     def select(self, tracks: NDArray) -> PointTracks:
         """The tracks with these indices (or where this (N,) mask is True)."""
+        if tracks.dtype == bool and tracks.all():
+            return self
         return PointTracks(self.p_world[:, tracks], self.cov_world[:, tracks])
 
 

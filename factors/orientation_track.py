@@ -27,11 +27,20 @@ from factors.joint_motion import joint_displacement, skew, unit_twist
 from factors.student_t import twice_negative_log_kernel, weight
 
 Array = NDArray[np.float64]
+_NEAR_PI = -0.9  # cosine of angles whose axis is not taken from the antisymmetric part
 
 
 def log_so3(R: Array) -> Array:
     """Rotation vectors (T, 3), length at most pi, of rotation matrices (T, 3, 3)."""
-    return np.array([gtsam.Rot3.Logmap(gtsam.Rot3(r)) for r in R]).reshape(-1, 3)
+    flat = R.reshape(-1, 9)
+    twice_sine = flat[:, [7, 2, 3]] - flat[:, [5, 6, 1]]  # times the axis
+    sine = 0.5 * np.sqrt((twice_sine * twice_sine).sum(axis=1))
+    cosine = 0.5 * (flat[:, 0] + flat[:, 4] + flat[:, 8] - 1)
+    ratio = np.arctan2(sine, cosine) / np.maximum(sine, 1e-12)
+    w = np.where(sine > 1e-12, 0.5 * ratio, 0.5)[:, None] * twice_sine
+    for t in np.flatnonzero(cosine < _NEAR_PI):  # the sine says little there
+        w[t] = gtsam.Rot3.Logmap(gtsam.Rot3(R[t]))
+    return w
 
 
 def right_jacobian_inverse(w: Array) -> Array:

@@ -54,7 +54,7 @@ def squared_length(packed: Array, v: Array) -> Array:
 def inverse_and_determinant(packed: Array) -> tuple[Array, Array]:
     """Inverse (6, ...) and determinant (...) of packed symmetric matrices, by cofactors."""
     if packed.shape[0] == 1:
-        return 1 / packed, packed[0] ** 3
+        return 1 / packed, packed[0] * packed[0] * packed[0]
     a, b, c, d, e, f = packed
     inverse = np.stack(
         [d * f - e * e, c * e - b * f, b * e - c * d, a * f - c * c, b * c - a * e, a * d - b * b]

@@ -43,20 +43,24 @@ class TrackObservations:
                 f"points {p_world.shape} and covariances {cov_world.shape}, "
                 "expected (T, N, 3) and (T, N, 3, 3)"
             )
-        observed: NDArray[np.bool_] = np.asarray(np.isfinite(p_world).all(axis=-1))
-        packed = cov_world[..., ROW, COL].transpose(2, 0, 1)  # (6, T, N)
-        packed = np.where(observed, packed, np.eye(3)[ROW, COL][:, None, None])
+        finite = np.isfinite(p_world)
+        observed: NDArray[np.bool_] = finite[..., 0] & finite[..., 1] & finite[..., 2]
+        packed = np.empty((6, *observed.shape))
+        for k, (i, j) in enumerate(zip(ROW, COL, strict=True)):
+            packed[k] = cov_world[..., i, j]
+        points = p_world
+        if not observed.all():
+            packed = np.where(observed, packed, np.eye(3)[ROW, COL][:, None, None])
+            points = np.where(observed[..., None], p_world, 0.0)
         if not np.isfinite(packed).all():
             raise ValueError("a covariance of an observed point is not finite")
-        minor = packed[0] * packed[3] - packed[1] ** 2
+        minors = [packed[0], packed[0] * packed[3] - packed[1] * packed[1]]
+        if multiples_of_identity(packed):
+            packed = packed[:1]
         with np.errstate(divide="ignore", invalid="ignore"):
             inverse, determinant = inverse_and_determinant(packed)
-        leading = np.stack([packed[0], minor, determinant])
-        if not (leading > 0).all():  # Sylvester's criterion
+        if not all((minor > 0).all() for minor in (*minors, determinant)):  # Sylvester's criterion
             raise ValueError("a covariance is not positive definite")
-        if multiples_of_identity(packed):
-            inverse = inverse[:1]
-        points = np.where(observed[..., None], p_world, 0.0)
         return TrackObservations(
             p_world=np.ascontiguousarray(points.swapaxes(1, 2)),
             information_world=np.ascontiguousarray((inverse * observed).swapaxes(0, 1)),

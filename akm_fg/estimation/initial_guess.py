@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
-import gtsam
 import numpy as np
 
 from akm_fg.estimation.rigid_motion import RigidMotion
 from akm_fg.records import BoolArray, FloatArray
 from factors.joint_motion import cross
+from factors.orientation_track import log_so3
 
 # A hinge farther away than this is a drawer for every purpose of a start; metres.
 MAX_RADIUS_M = 100.0
@@ -52,7 +52,7 @@ def guesses_from_motion(motion: RigidMotion) -> list[JointGuess]:
     centroid = motion.shape_world[motion.inlier].mean(axis=0)
     path = motion.R_world @ centroid + motion.t_world
     guesses = [_straight(path, motion.known)[0]]
-    turns = np.array([gtsam.Rot3.Logmap(gtsam.Rot3(R)) for R in motion.R_world])
+    turns = log_so3(motion.R_world)
     turns[~motion.known] = 0.0
     # Relative to the first known frame: a reference frame in mid-travel would see both signs.
     _, axes = np.linalg.eigh(turns.T @ turns)

@@ -34,9 +34,10 @@ REFERENCE = gtsam.symbol("r", 0)
 PITCH = gtsam.symbol("h", 0)
 
 
-def state_key(frame: int) -> int:
-    """Key of q_t."""
-    return gtsam.symbol("q", frame)
+@cache
+def state_keys(frames: int) -> tuple[int, ...]:
+    """Keys of q_1 .. q_T-1; that of frame 0 is zero and no variable."""
+    return tuple(gtsam.symbol("q", frame) for frame in range(1, frames))
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,16 +58,16 @@ class GraphProblem:
 def _still(frames: int) -> gtsam.Values:
     """States of zero: inserting a number into Values costs fifty times what moving it does."""
     values = gtsam.Values()
-    for t in range(1, frames):
-        values.insert(state_key(t), 0.0)
+    for key in state_keys(frames):
+        values.insert(key, 0.0)
     return values
 
 
 def initial_values(guess: JointGuess, observations: Observations) -> gtsam.Values:
-    """The variables of a guess; the state of frame 0 is zero and no variable."""
+    """The variables of a guess."""
     states = gtsam.VectorValues()
-    for t in range(1, guess.q.size):
-        states.insert(state_key(t), guess.q[t : t + 1])
+    for key, q in zip(state_keys(guess.q.size), guess.q[1:, None], strict=True):
+        states.insert(key, q)
     values = _still(guess.q.size).retract(states)
     values.insert(JOINT, gtsam.Pose3(guess.T_world_joint))
     if guess.kind == "helical":
@@ -80,7 +81,7 @@ def initial_values(guess: JointGuess, observations: Observations) -> gtsam.Value
 
 def grasp_variables(kind: str, observations: Observations) -> GraspVariables:
     """Keys of what the factors of the grasps move."""
-    keys = [None, *(state_key(t) for t in range(1, observations.frames))]
+    keys = [None, *state_keys(observations.frames)]
     reference = None if observations.R_world_part is None else REFERENCE
     return GraspVariables(JOINT, keys, PITCH if kind == "helical" else None, reference)
 
@@ -95,7 +96,7 @@ def joint_graph(
 ) -> gtsam.NonlinearFactorGraph:
     """Observations and priors, without the gauge; `last` keeps the tracks' last evaluation."""
     observations, config = problem.observations, problem.config
-    keys = [None, *(state_key(t) for t in range(1, observations.frames))]
+    keys = [None, *state_keys(observations.frames)]
     pitch_key = PITCH if kind == "helical" else None
     graph = gtsam.NonlinearFactorGraph()
     graph.push_back(
@@ -166,6 +167,19 @@ def solved(
     return gtsam.LevenbergMarquardtOptimizer(gauged, values, parameters).optimize()
 
 
+@cache
+def _ordering(frames: int, has_pitch: bool, has_reference: bool, holds: int) -> gtsam.Ordering:
+    ordering = gtsam.Ordering()
+    ordering.push_back(JOINT)
+    if has_pitch:
+        ordering.push_back(PITCH)
+    if has_reference:
+        ordering.push_back(REFERENCE)
+    for key in (*state_keys(frames), *(grasp_key(i) for i in range(holds))):
+        ordering.push_back(key)
+    return ordering
+
+
 def graph_information(
     linear: gtsam.GaussianFactorGraph,
     frames: int,
@@ -178,16 +192,7 @@ def graph_information(
 
     Latent grasps, one a hold, are marginalised.
     """
-    ordering = gtsam.Ordering()
-    ordering.push_back(JOINT)
-    if kind == "helical":
-        ordering.push_back(PITCH)
-    if has_reference:
-        ordering.push_back(REFERENCE)
-    for t in range(1, frames):
-        ordering.push_back(state_key(t))
-    for i in range(holds):
-        ordering.push_back(grasp_key(i))
+    ordering = _ordering(frames, kind == "helical", has_reference, holds)
     information, _ = linear.hessian(ordering)
     if holds:
         information, _ = without_grasps(information, holds)

@@ -20,7 +20,7 @@ from akm_fg.estimation.joint_graph import (
     initial_values,
     joint_graph,
     solved,
-    state_key,
+    state_keys,
 )
 from akm_fg.estimation.kind_laplace import Solution, guess_metres_per_unit, laplace_fit
 from akm_fg.estimation.knowledge import StatePriors, state_priors
@@ -182,8 +182,7 @@ def _evaluated(
 ) -> Solution:
     """The solution, with the tracks' cost taken from `last` if it was evaluated there."""
     observations = problem.observations
-    states = (values.atDouble(state_key(t)) for t in range(1, observations.frames))
-    q = np.array([0.0, *states])
+    q = np.array([0.0, *map(values.atDouble, state_keys(observations.frames))])
     T = values.atPose3(JOINT).matrix()
     pitch = values.atDouble(PITCH) if kind == "helical" else 0.0
     guess = JointGuess(kind, T, q, pitch)

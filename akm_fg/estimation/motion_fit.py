@@ -22,6 +22,7 @@ from akm_fg.estimation.initial_guess import MAX_RADIUS_M, JointGuess, joint_fram
 from akm_fg.records import FloatArray
 from factors.joint_motion import cross, motion_jacobians, part_motion
 from factors.motion_information import MotionInformation
+from factors.orientation_track import log_so3
 from factors.pitch_prior import pitch_prior_residual
 
 _ITERATIONS = 25
@@ -221,20 +222,14 @@ def log_se3(R: FloatArray, t: FloatArray) -> FloatArray:
 
     Lynch and Park, Modern Robotics, 2017, eqs. 3.61 and 3.91.
     """
-    flat = R.reshape(-1, 9)
-    twice_sine = flat[:, [7, 2, 3]] - flat[:, [5, 6, 1]]  # times the axis
-    sine = 0.5 * np.sqrt((twice_sine * twice_sine).sum(axis=1))
-    cosine = 0.5 * (flat[:, 0] + flat[:, 4] + flat[:, 8] - 1)
-    angle = np.arctan2(sine, cosine)
-    small = angle < 1e-4
-    safe = np.where(small, 1.0, angle)
-    ratio = np.where(small, 1 + angle**2 / 6, safe / np.maximum(sine, 1e-9))
-    w = 0.5 * ratio[:, None] * twice_sine
-    c = np.where(small, 1 / 12, (1 - ratio * (1 + cosine) / 2) / safe**2)
+    w = log_so3(R)
+    angle2 = (w * w).sum(axis=1)
+    half = 0.5 * np.sqrt(np.maximum(angle2, 1e-8))
+    c = np.where(angle2 < 1e-8, 1 / 12, 0.25 * (1 - half / np.tan(half)) / half**2)
     # inverse V t = t - w x t / 2 + c w x (w x t)
     turned = w[:, [1, 2, 0]] * t[:, [2, 0, 1]] - w[:, [2, 0, 1]] * t[:, [1, 2, 0]]
     d = np.empty((len(t), 6))
     d[:, :3] = w
-    d[:, 3:] = (1 - c * angle**2)[:, None] * t - 0.5 * turned
+    d[:, 3:] = (1 - c * angle2)[:, None] * t - 0.5 * turned
     d[:, 3:] += (c * (w * t).sum(axis=1))[:, None] * w
     return d

@@ -248,13 +248,16 @@ def _problem(
     """Restrict to the keyframes; `noise` is (known, start scale, local scale, systematic)."""
     known, start, local, systematic = noise
     k = keyframes
-    points = points.select(np.flatnonzero(points.observed[k].any(axis=0)))
+    points = points.select(np.asarray(points.observed[k].any(axis=0)))
+    seen = points
+    if k.size < points.p_world.shape[0]:
+        seen = PointTracks(points.p_world[k], points.cov_world[k])
     return FitProblem(
         name=name,
         points=points,
         keyframes=k,
         observations=Observations(
-            TrackObservations.from_points(points.p_world[k], points.cov_world[k]),
+            TrackObservations.from_points(seen.p_world, seen.cov_world),
             None if R_world_part is None else R_world_part[k],
             known,
             systematic,

@@ -51,14 +51,14 @@ def procrustes(a: FloatArray, b: FloatArray, w: FloatArray) -> tuple[FloatArray,
     Least squares over points (..., N, 3) (Arun, Huang, Blostein, 1987; sign after Umeyama, 1991).
     """
     total = np.maximum(w.sum(-1), 1e-300)[..., None]
-    mean_a = np.einsum("...n,...ni->...i", w, a) / total
-    mean_b = np.einsum("...n,...ni->...i", w, b) / total
+    mean_a = (w[..., None, :] @ a)[..., 0, :] / total
+    mean_b = (w[..., None, :] @ b)[..., 0, :] / total
+    # Where one of the two is centred, the other need not be.
     weighted = w[..., None] * (b - mean_b[..., None, :])
-    cross = weighted.swapaxes(-1, -2) @ (a - mean_a[..., None, :])
-    U, _, Vt = np.linalg.svd(cross)
+    U, _, Vt = np.linalg.svd(weighted.swapaxes(-1, -2) @ a)
     U[..., :, 2] *= np.sign(np.linalg.det(U @ Vt))[..., None]
     R = U @ Vt
-    return R, mean_b - np.einsum("...ij,...j->...i", R, mean_a)
+    return R, mean_b - (R @ mean_a[..., None])[..., 0]
 
 
 def free_rigid_motion(
@@ -74,7 +74,7 @@ def free_rigid_motion(
     config = config or RigidMotionConfig()
     observed = tracks.observed
     p = np.where(observed[..., None], tracks.p_world, 0.0)
-    variance = np.trace(tracks.cov_world, axis1=2, axis2=3) / 3
+    variance = np.einsum("tnii->tn", tracks.cov_world) / 3
     sigma2 = np.where(observed, variance, 1.0)
     ref = int(np.argmax(observed.sum(axis=1)))
     member = _consensus(p, observed, sigma2, ref, rng, config)
@@ -86,15 +86,16 @@ def free_rigid_motion(
         R, t = procrustes(shape[None], p, w * has_shape[None])
         shape, has_shape = _mean_shape(p, R, t, w)
         e = p - shape @ R.transpose(0, 2, 1) - t[:, None]
-        d2 = np.where(observed & has_shape[None], (e * e).sum(-1) / sigma2, np.nan)
-        previous, scale = scale, _robust_scale(d2[:, member])
-        w = np.where(np.nan_to_num(d2, nan=np.inf) < (config.inlier_sigmas * scale) ** 2, 1.0, 0.1)
-        w = w * observed * member[None] / sigma2 / (1 + np.nan_to_num(d2) / scale**2 / 5)
+        d2 = np.where(observed & has_shape[None], _squared(e) / sigma2, np.inf)
+        previous, scale = scale, _robust_scale(d2, member)
+        w = np.where(d2 < (config.inlier_sigmas * scale) ** 2, 1.0, 0.1) * member
+        w = w / (sigma2 * (1 + d2 / (5 * scale**2)))  # zero where not observed
         if abs(scale - previous) < config.scale_tolerance * scale:
             break
     others = ~member  # two frames sent them off; all of them may call them back
-    shape[others], e2 = _median_shape(tracks.p_world[:, others], R, t)
-    d2[:, others] = e2 / sigma2[:, others]
+    if others.any():
+        shape[others], e2 = _median_shape(tracks.p_world[:, others], R, t)
+        d2[:, others] = e2 / sigma2[:, others]
     good = d2 < (config.inlier_sigmas * scale) ** 2
     share = good.sum(axis=0) / np.maximum(observed.sum(axis=0), 1)
     return RigidMotion(
@@ -107,14 +108,28 @@ def free_rigid_motion(
     )
 
 
-def _robust_scale(d2: FloatArray) -> float:
+def _robust_scale(d2: FloatArray, member: BoolArray) -> float:
     """Noise scale from the median squared residual (T, N) (chi-square, 3 degrees, median 2.366).
 
-    Of 3 N T numbers, 6 T went into the motions and 3 N into the shape.
+    Of 3 N T numbers, 6 T went into the motions and 3 N into the shape. Those not seen are infinite.
     """
-    T, N = d2.shape
+    T, N = d2.shape[0], int(np.count_nonzero(member))
     freedom = max((1 - 2 / max(N, 3)) * (1 - 1 / T), 0.1)
-    return float(np.sqrt(max(float(np.nanmedian(d2)), 1e-24) / (2.366 * freedom)))
+    seen = d2[np.isfinite(d2) & member]
+    return float(np.sqrt(max(float(np.median(seen)), 1e-24) / (2.366 * freedom)))
+
+
+def _squared(v: FloatArray) -> FloatArray:
+    """Squared lengths of vectors (..., 3)."""
+    x, y, z = v[..., 0], v[..., 1], v[..., 2]
+    return np.asarray(x * x + y * y + z * z)
+
+
+def _row_medians_of_roots(squares: FloatArray) -> FloatArray:
+    """Medians (M,) of the square roots of rows (M, N)."""
+    n = squares.shape[1]
+    middle = np.sort(squares, axis=1)[:, [(n - 1) // 2, n // 2]]
+    return np.asarray(np.sqrt(middle).mean(axis=1))
 
 
 def _mean_shape(
@@ -150,10 +165,11 @@ def _consensus(
     member = np.ones(N, dtype=bool)
     common = observed & observed[ref][None]
     enough = common.sum(axis=1) >= max(MIN_POINTS + 1, common.sum(axis=1).max() // 2)
-    distance = np.linalg.norm(p - p[ref], axis=-1)
+    distance2 = _squared(p - p[ref])
     if common.all():
-        moved = np.median(distance, axis=1)
+        moved = _row_medians_of_roots(distance2)
     else:
+        distance = np.sqrt(distance2)
         seen = np.where(enough[:, None], np.where(common, distance, np.nan), -1.0)
         moved = np.nanmedian(seen, axis=1)
     far = int(np.argmax(moved))
@@ -163,14 +179,15 @@ def _consensus(
     a, b = p[ref, index], p[far, index]
     triples = rng.random((config.samples, index.size)).argpartition(2, axis=1)[:, :3]
     R, t = procrustes(a[triples], b[triples], np.ones(triples.shape))
-    error = np.linalg.norm(b - (a @ R.transpose(0, 2, 1)) - t[:, None], axis=-1)
-    noise = np.sqrt(sigma2[ref, index] + sigma2[far, index])
-    whitened = error / noise
+    noise2 = sigma2[ref, index] + sigma2[far, index]
+    e = R @ a.T + t[:, :, None] - b.T  # (samples, 3, M)
+    whitened2 = (e * e).sum(axis=1) / noise2
     # The noise level may be off by a factor: judge by the agreeing points' own spread.
-    best = int(np.argmin(np.median(whitened, axis=1)))
-    agreeing = whitened[best] <= 2 * max(float(np.median(whitened[best])), 1e-12)
+    medians = _row_medians_of_roots(whitened2)
+    best = int(np.argmin(medians))
+    agreeing = whitened2[best] <= (2 * max(float(medians[best]), 1e-12)) ** 2
     R, t = procrustes(a, b, agreeing.astype(float))
-    refined = np.linalg.norm(b - a @ R.T - t, axis=-1) / noise
+    refined = np.sqrt(_squared(b - a @ R.T - t) / noise2)
     freedom = max(1 - 2 / int(agreeing.sum()), 0.3)
     spread = float(np.median(refined)) / np.sqrt(2.366 * freedom)
     member[index] = refined < config.inlier_sigmas * max(spread, _MIN_SPREAD)

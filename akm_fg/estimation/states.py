@@ -33,13 +33,15 @@ def states_of_all_frames(
     T = points.p_world.shape[0]
     mean, sd = np.full(T, np.nan), np.full(T, np.nan)
     mean[keyframes], sd[keyframes] = fit.q, fit.state_sd
-    others = np.setdiff1d(np.flatnonzero(points.observed.any(axis=1)), keyframes)
+    seen = np.asarray(points.observed.any(axis=1))
+    seen[keyframes] = False
+    others = np.flatnonzero(seen)
     if others.size == 0 or fit.T_world_joint is None:
         return mean, sd
     tracks = TrackObservations.from_points(points.p_world[others], points.cov_world[others])
     q, information = solved_states(fit, tracks, np.interp(others, keyframes, fit.q), config)
-    seen = TrackObservations.from_points(points.p_world[keyframes], points.cov_world[keyframes])
-    model = model_variance(fit, seen, config)
+    inside = TrackObservations.from_points(points.p_world[keyframes], points.cov_world[keyframes])
+    model = model_variance(fit, inside, config)
     mean[others], sd[others] = q, state_sd_beside(fit, q, information, model)
     return mean, sd
 
