@@ -14,7 +14,7 @@ from akm_fg.calibration.records import (
     HandEyeCalibration,
     ViewResidual,
 )
-from akm_fg.records import FloatArray, PinholeCamera
+from akm_fg.records import BoolArray, PinholeCamera
 from factors.board_view import INTRINSICS as CAL3DS2
 
 
@@ -34,13 +34,14 @@ def calibrate(
     require_square(data, config, start)
     fit = solve(data, config, start)
     order = [CAL3DS2.index(name) for name in INTRINSICS]
-    numbers = fit.intrinsics[order]
+    free = _free(config)
+    numbers = np.where(free, fit.intrinsics[order], start.intrinsics[order])
     return HandEyeCalibration(
         name=data.name,
         camera_place=config.camera_place,
         camera=PinholeCamera(data.camera.width, data.camera.height, *numbers[:4].tolist()),
         distortion=numbers[4:],
-        intrinsics_cov=_without_held(fit.intrinsics_cov[np.ix_(order, order)], config),
+        intrinsics_cov=fit.intrinsics_cov[np.ix_(order, order)] * np.outer(free, free),
         T_mount_cam=fit.values.atPose3(CAM),
         T_mount_cam_cov=fit.cam_cov,
         T_holder_board=fit.values.atPose3(BOARD),
@@ -52,12 +53,10 @@ def calibrate(
     )
 
 
-def _without_held(cov: FloatArray, config: CalibrationConfig) -> FloatArray:
-    """Zero for what was held: the graph holds it by a prior of a millionth of a pixel."""
-    free = 0 if config.fixed_intrinsics else len(INTRINSICS) if config.distortion else 4
-    out = np.zeros_like(cov)
-    out[:free, :free] = cov[:free, :free]
-    return out
+def _free(config: CalibrationConfig) -> BoolArray:
+    """(8,) which intrinsics are estimated; the graph holds the others to a millionth of a pixel."""
+    count = 0 if config.fixed_intrinsics else len(INTRINSICS) if config.distortion else 4
+    return np.arange(len(INTRINSICS)) < count
 
 
 def _residuals(data: CalibrationViews, fit: GraphFit) -> tuple[ViewResidual, ...]:

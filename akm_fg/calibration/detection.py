@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import cv2
 import numpy as np
@@ -35,14 +36,13 @@ class BoardDetector:
         grey = cv2.cvtColor(rgb, cv2.COLOR_RGB2GRAY)
         uv, corners, _, markers = self._detector.detectBoard(grey)
         read = 0 if markers is None else len(markers)
-        found = np.empty(0, dtype=np.intp) if corners is None else corners.ravel().astype(np.intp)
-        pixels = np.asarray(uv, dtype=np.float64).reshape(-1, 2)
-        if found.size < LEAST_CORNERS or _on_a_line(pixels):
+        if corners is None or len(corners) < LEAST_CORNERS or _on_a_line(uv.reshape(-1, 2)):
             return BoardSighting(np.empty(0, dtype=np.intp), np.empty((0, 2)), read)
-        return BoardSighting(found, pixels, read)
+        found = np.asarray(uv, dtype=np.float64).reshape(-1, 2)
+        return BoardSighting(np.asarray(corners, dtype=np.intp).ravel(), found, read)
 
 
-def _on_a_line(uv: FloatArray) -> bool:
+def _on_a_line(uv: NDArray[Any]) -> bool:
     """Whether the points spread less than two pixels (rms) across their longest direction."""
     across = np.linalg.svd(uv - uv.mean(axis=0), compute_uv=False)[1]
     return bool(across < 2.0 * np.sqrt(len(uv)))
