@@ -116,6 +116,15 @@ class BuiltObject:
     lift_n: float = 0.0  # upward force of a balanced hinge on the part's centre of mass
 
 
+# The ranges over which every object is opened, whatever more it has: the paper's protocol.
+STANDARD_OPENING = {"prismatic": 0.40, "revolute": float(np.deg2rad(40.0))}  # m, rad
+
+
+def standard_range(spec: PartSpec) -> float:
+    """End of the standardised range, m or rad: 0.40 m or 40 deg, or the joint's own end."""
+    return min(STANDARD_OPENING[spec.kind], spec.upper)
+
+
 def sample_object(name: str, seed: int) -> ObjectSpec:
     """The object `name` as varied by `seed`.
 

@@ -132,3 +132,8 @@ def _write_picture(path: Path) -> None:
 @pytest.fixture
 def mobility_object() -> type[MobilityObject]:
     return MobilityObject
+
+
+@pytest.fixture
+def solid() -> type[Solid]:
+    return Solid

@@ -2,31 +2,46 @@
 
 from __future__ import annotations
 
+import importlib.util
 import json as json_module
+import math
+import sys
 from dataclasses import dataclass
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from akm_fg.cli.exit_codes import DONE
+from akm_fg.cli.exit_codes import BAD_INPUT, DONE
 from akm_fg.cli.output import json_output, write_line
+from akm_fg.errors import MissingDependency
 
 if TYPE_CHECKING:
-    from sim.suites.catalogue import Suite
+    from rich.table import Table
+
+    from sim.imported.imported_spec import ImportedSpec
+    from sim.listing import Listing
+    from sim.mechanisms import Catch, Closer
     from sim.suites.furniture_spec import FurnitureSpec
+
+    Spec = FurnitureSpec | ImportedSpec
 
 
 @dataclass(frozen=True)
 class ObjectsArguments:
     """Example: akm-fg objects --suite furniture-dev --json objects.json
 
-    Lists the objects of a suite: name, kind of joint, range, size, handle, surface. Names are
-    those that other commands take as OBJECT: furniture-dev/door-003. furniture-116 is the
-    benchmark, on which nothing may be tuned; furniture-dev is for that.
+    Lists the objects of a suite: name, joint, range, size, handle, what holds it closed, surface.
+    Names are those that other commands take as OBJECT: furniture-dev/door-003. furniture-116 is
+    the benchmark, on which nothing may be tuned; furniture-dev is for that. Your own objects:
+    akm-fg objects --suite partnet --folder FOLDER; those that cannot be read are left out, said
+    so, and make the exit code 2.
     """
 
     suite: str = "furniture-dev"
-    """furniture-116 or furniture-dev."""
+    """furniture-116, furniture-dev or partnet."""
+    folder: Path | None = None
+    """Of partnet: FOLDER with FOLDER/ID/mobility.urdf, one such object, or any URDF file."""
     json: str | None = None
     """Write the list as one JSON object to this file; - is standard output (no table then)."""
     seed: int = 0
@@ -37,69 +52,129 @@ def objects(arguments: ObjectsArguments) -> int:
     """Run the command.
 
     Raises:
-        InputError: no such suite.
+        InputError: no such suite, or a folder without objects.
+        MissingDependency: the simulator is not installed.
         OutputError: the file cannot be written.
     """
-    from sim.suites.catalogue import find_suite
+    _require_simulator()
+    from sim.listing import list_suite
 
-    suite = find_suite(arguments.suite)
-    specs = [suite.load(name, arguments.seed) for name in suite.names()]
+    listing = list_suite(arguments.suite, arguments.folder, arguments.seed)
     with json_output(arguments.json) as stream:
         if stream is not None:
-            listing = {
-                "schema": "akm-fg/objects/1",
-                "suite": suite.name,
-                "split": suite.split,
-                "seed": arguments.seed,
-                "objects": [_as_dict(spec) for spec in specs],
-            }
-            write_line(stream, json_module.dumps(listing, allow_nan=False))
+            write_line(stream, json_module.dumps(_as_dict(listing, arguments), allow_nan=False))
     if arguments.json != "-":
-        _print(suite, specs)
-    return DONE
+        _print(listing)
+    for bad in listing.skipped:
+        print(f"akm-fg: left out: {bad.problem}", file=sys.stderr)
+    return BAD_INPUT if listing.skipped else DONE
 
 
-def _as_dict(spec: FurnitureSpec) -> dict[str, Any]:
+def _require_simulator() -> None:
+    absent = [m for m in ("pybullet", "trimesh") if importlib.util.find_spec(m) is None]
+    if absent:
+        raise MissingDependency(
+            f"objects needs {' and '.join(absent)}; install akm-fg[sim] (Python 3.11)"
+        )
+
+
+def _as_dict(listing: Listing, arguments: ObjectsArguments) -> dict[str, Any]:
+    """The list as JSON (`akm-fg/objects/1`, docs/conventions.md)."""
+    return {
+        "schema": "akm-fg/objects/1",
+        "suite": listing.suite,
+        "split": listing.split,
+        "seed": arguments.seed,
+        "objects": [_object(spec) for spec in listing.specs],
+        "skipped": [{"name": bad.name, "problem": bad.problem} for bad in listing.skipped],
+    }
+
+
+def _object(spec: Spec) -> dict[str, Any]:
+    from sim.objects import standard_range
+
     handle = spec.handle
     return {
         "name": spec.name,
         "kind": spec.kind,
+        "joint": getattr(spec, "joint", None),
         "range": [0.0, spec.upper],
+        "standard_range": [0.0, standard_range(spec)],
         "unit": "m" if spec.kind == "prismatic" else "rad",
+        "closed_in_file": getattr(spec, "closed", None),
         "family": spec.family,
         "hinge": spec.hinge,
         "size_m": spec.size_m.tolist(),
+        "scale": spec.scale,
         "handle": {
             "style": handle.style,
             "length_m": handle.length_m,
             "thickness_m": handle.thickness_m,
             "reach_m": handle.reach_m,
+            "fits": getattr(handle, "fits", True),
         },
         "mass_kg": spec.mass_kg,
         "friction": spec.friction,
         "damping": spec.damping,
-        "finish": spec.finish,
+        "handle_mu": spec.handle_mu,
+        "catch": _catch(spec.catch),
+        "closer": _closer(spec.closer),
+        "finish": getattr(spec, "finish", None),
         "split": spec.split,
     }
 
 
-def _print(suite: Suite, specs: list[FurnitureSpec]) -> None:
+def _catch(catch: Catch | None) -> dict[str, float] | None:
+    if catch is None:
+        return None
+    return {"force": catch.force, "stiffness": catch.stiffness, "travel": catch.travel}
+
+
+def _closer(closer: Closer | None) -> dict[str, float | None] | None:
+    if closer is None:
+        return None
+    until = closer.until if math.isfinite(closer.until) else None
+    return {"preload": closer.preload, "stiffness": closer.stiffness, "until": until}
+
+
+def _print(listing: Listing) -> None:
     from rich.console import Console
+
+    console = Console()
+    if not console.is_terminal:
+        console = Console(width=160)
+    console.print(_table(listing))
+    slides = sum(spec.kind == "prismatic" for spec in listing.specs)
+    turns = len(listing.specs) - slides
+    console.print(
+        f"{listing.suite}: {slides} prismatic, {turns} revolute; for {listing.split}",
+        soft_wrap=True,
+    )
+
+
+def _table(listing: Listing) -> Table:
     from rich.table import Table
 
-    titles = ("object", "kind", "range", "hinge", "family", "w x d x h, cm", "handle", "surface")
-    table = Table(*titles, "split")
-    for spec in specs:
+    table = Table()
+    table.add_column("object", overflow="fold")  # a path may be long, and is needed whole
+    for title in ("kind", "range", "hinge", "family", "w x d x h, cm", "handle"):
+        table.add_column(title)
+    for title in ("held closed", "surface", "split"):
+        table.add_column(title)
+    for spec in listing.specs:
         prismatic = spec.kind == "prismatic"
         end = f"{100.0 * spec.upper:.0f} cm" if prismatic else f"{np.degrees(spec.upper):.0f} deg"
         size = " x ".join(f"{100.0 * side:.0f}" for side in spec.size_m)
-        looks = (spec.hinge or "-", spec.family.replace("_", " "), size, spec.handle.style)
-        table.add_row(spec.name, spec.kind, f"0 to {end}", *looks, spec.finish, spec.split)
-    console = Console()
-    if not console.is_terminal:
-        console = Console(width=140)
-    console.print(table)
-    drawers = sum(spec.kind == "prismatic" for spec in specs)
-    console.print(
-        f"{suite.name}: {drawers} prismatic, {len(specs) - drawers} revolute; for {suite.split}"
-    )
+        handle = spec.handle.style if getattr(spec.handle, "fits", True) else "none to grip"
+        looks = (spec.hinge or "-", spec.family.replace("_", " "), size, handle)
+        finish = getattr(spec, "finish", "its own")
+        row = (spec.name, spec.kind, f"0 to {end}", *looks, _held(spec), finish, spec.split)
+        table.add_row(*row)
+    return table
+
+
+def _held(spec: Spec) -> str:
+    unit = "N" if spec.kind == "prismatic" else "N m"
+    words = [f"catch {spec.catch.force:.1f} {unit}"] if spec.catch else []
+    words += [f"closer {spec.closer.preload:.1f} {unit}"] if spec.closer else []
+    return ", ".join(words) or "-"

@@ -15,7 +15,7 @@ from typing import Literal
 import gtsam
 import numpy as np
 import trimesh
-from scipy.spatial import cKDTree
+from numpy.typing import NDArray
 from sklearn.cluster import DBSCAN
 
 from akm_fg.records import FloatArray
@@ -25,11 +25,15 @@ from sim.suites.handles import R_EDGE, R_LYING, R_UPRIGHT
 SAMPLES = 6000  # points on the part, and on the corpus
 BAR_M = 0.015  # depth of what is gripped, from the foremost point
 PAD_M = 0.008  # from the foremost point to the middle of the grip
+LARGE = 0.4  # of the largest area at one depth: from there on it is a face of the part
 STANDS_OUT_M = 0.015  # from the front's face: less is a moulding
 FINGERS_M = 0.07  # what goes between the fingers, of their 80 mm
 ROOM_M = 0.016  # behind a bar, for the fingertips
 APART_M = 0.03  # gap between two handles
 EDGE_GRIP_M = 0.015  # from a board's free edge to the middle of the grip
+FINGER_DEEP_M, FINGER_LONG_M = 0.03, 0.05  # room for one behind a board, and along it
+FINGER_TIP_M = 0.01  # beyond the middle of the grip
+FAR_M = 10.0
 R_BELOW = np.array([[1.0, 0, 0], [0, 1.0, 0], [0, 0, 1.0]])
 
 
@@ -57,29 +61,40 @@ def find_contact(
     given: FloatArray | None = None,
 ) -> Contact:
     """The grip by the rule above, or the one nearest to the point `given` (3,), object frame."""
-    everywhere = _samples(part)
+    everywhere, ahead = _samples(_mesh(part))
     if given is not None:
         near = everywhere[np.linalg.norm(everywhere - given, axis=1) < APART_M]
         points = near if len(near) else everywhere[[_nearest(everywhere, given)]]
         return _bar(points, everywhere, "given")
     named = [s for s in part if any(word in s.name.lower() for word in ("handle", "knob"))]
     if named:
-        return _bar(_one(_samples(named), hinge, pivot), everywhere, "handle")
-    blocked = _samples(corpus) if corpus else np.zeros((0, 3))
-    out = everywhere[everywhere[:, 1] < _face(everywhere) - STANDS_OUT_M]
-    out = out[_reachable(out, blocked)]
+        return _bar(_one(_samples(_mesh(named))[0], hinge, pivot), everywhere, "handle")
+    still = _mesh(corpus) if corpus else None
+    face_m = _face(everywhere[ahead] if ahead.any() else everywhere)
+    corners = np.concatenate([surface.points for surface in part])
+    points = np.concatenate([everywhere, corners])  # a knob has more corners than samples
+    out = points[points[:, 1] < face_m - STANDS_OUT_M]
+    out = out[_reachable(out, still)]
     if len(out) > 10:
         contact = _bar(_one(out, hinge, pivot), everywhere, "protrusion")
         if contact.fits:
             return contact
-    return _edge(everywhere, blocked, hinge)
+    return _edge(everywhere, face_m, still, hinge)
 
 
-def _samples(surfaces: Sequence[Surface]) -> FloatArray:
-    """(SAMPLES, 3) points, even over the area; the same every time."""
+def _mesh(surfaces: Sequence[Surface]) -> trimesh.Trimesh:
     meshes = [trimesh.Trimesh(s.points, s.faces, process=False) for s in surfaces]
-    mesh = trimesh.util.concatenate(meshes)
-    return np.asarray(trimesh.sample.sample_surface(mesh, SAMPLES, seed=0)[0])
+    mesh: trimesh.Trimesh = trimesh.util.concatenate(meshes)  # type: ignore[assignment]
+    return mesh
+
+
+def _samples(mesh: trimesh.Trimesh) -> tuple[FloatArray, NDArray[np.bool_]]:
+    """(SAMPLES, 3) points, even over the area, and whether the surface there faces along y.
+
+    The same every time.
+    """
+    points, face = trimesh.sample.sample_surface(mesh, SAMPLES, seed=0)
+    return np.asarray(points), np.asarray(np.abs(mesh.face_normals[face, 1]) > 0.7)
 
 
 def _nearest(points: FloatArray, p: FloatArray) -> int:
@@ -87,29 +102,37 @@ def _nearest(points: FloatArray, p: FloatArray) -> int:
 
 
 def _face(points: FloatArray) -> float:
-    """Y of the front's face: where most of the foremost half of the part lies."""
+    """Where along y the front's face lies: the foremost large area among `points` (N, 3)."""
     low, high = points[:, 1].min(), points[:, 1].max()
     counts, edges = np.histogram(points[:, 1], bins=max(4, int((high - low) / 0.004)))
-    half = max(1, len(counts) // 2)
-    return float(edges[int(counts[:half].argmax())])
+    return float(edges[int((counts >= LARGE * counts.max()).argmax())])
 
 
-def _reachable(points: FloatArray, blocked: FloatArray) -> np.ndarray:
-    """(N,) whether no corpus lies in front of each point, within a fingertip's width."""
-    if not len(points) or not len(blocked):
-        return np.ones(len(points), dtype=bool)
-    tree = cKDTree(blocked[:, [0, 2]])
-    beside = tree.query_ball_point(points[:, [0, 2]], 0.012)
-    return np.array(
-        [not (blocked[i, 1] < p[1] - 0.005).any() for p, i in zip(points, beside, strict=True)]
-    )
+def _reachable(points: FloatArray, corpus: trimesh.Trimesh | None) -> NDArray[np.bool_]:
+    """(N,) whether nothing of the corpus lies in front of each point."""
+    ahead = np.tile([0.0, -1.0, 0.0], (len(points), 1))
+    return ~_blocked(points, ahead, FAR_M, corpus)
+
+
+def _blocked(
+    points: FloatArray, ways: FloatArray, length_m: float, corpus: trimesh.Trimesh | None
+) -> NDArray[np.bool_]:
+    """(N,) whether the corpus cuts the stretch from each point along its way (N, 3), unit."""
+    blocked = np.zeros(len(points), dtype=bool)
+    if corpus is None or not len(points):
+        return blocked
+    hits, rays, _ = corpus.ray.intersects_location(points, ways, multiple_hits=False)
+    near = np.linalg.norm(hits - points[rays], axis=1) < length_m
+    blocked[rays[near]] = True
+    return blocked
 
 
 def _one(points: FloatArray, hinge: str | None, pivot: FloatArray) -> FloatArray:
     """The points of one handle of several: far from the hinge, or else the largest."""
     labels = DBSCAN(eps=APART_M, min_samples=1).fit_predict(points)
     groups = [points[labels == k] for k in range(labels.max() + 1)]
-    groups = [g for g in groups if len(g) >= 0.05 * len(points)]
+    most = max(len(group) for group in groups)
+    groups = [group for group in groups if len(group) >= 0.2 * most]  # the others are mouldings
 
     def rank(group: FloatArray) -> tuple[float, float]:
         middle = group.mean(axis=0)
@@ -147,7 +170,9 @@ def _room_behind(p_object: FloatArray, bar: FloatArray, part: FloatArray) -> flo
     return float(np.median(behind[:, 1]) - p_object[1])
 
 
-def _edge(part: FloatArray, blocked: FloatArray, hinge: str | None) -> Contact:
+def _edge(
+    part: FloatArray, face_m: float, corpus: trimesh.Trimesh | None, hinge: str | None
+) -> Contact:
     """A pinch of the board at its free edge: beside a hinge that stands, else on top."""
     axis, sign, R = {
         "left": (0, 1.0, R_EDGE["left"]),
@@ -155,19 +180,22 @@ def _edge(part: FloatArray, blocked: FloatArray, hinge: str | None) -> Contact:
         "top": (2, -1.0, R_BELOW),
     }.get(hinge or "", (2, 1.0, R_EDGE["above"]))
     ends = part[:, axis] * sign
-    rim = part[(ends > ends.max() - 2.0 * EDGE_GRIP_M) & (part[:, 1] < _face(part) + FINGERS_M)]
+    rim = part[(ends > ends.max() - 2.0 * EDGE_GRIP_M) & (part[:, 1] < face_m + FINGERS_M)]
     low, high = rim.min(axis=0), rim.max(axis=0)
     along = 2 if axis == 0 else 0
     p_object = (low + high) / 2.0
     p_object[axis] = sign * (ends.max() - EDGE_GRIP_M)
     thickness = float(high[1] - low[1])
-    # The finger behind the board: from its back 3 cm on, past the edge and as far as the tip.
-    box_low, box_high = p_object.copy(), p_object.copy()
-    box_low[axis], box_high[axis] = p_object[axis] - 0.012, p_object[axis] + 0.012
-    box_low[along], box_high[along] = p_object[along] - 0.012, p_object[along] + 0.012
-    box_low[1], box_high[1] = high[1] + 1e-3, high[1] + 0.03
-    inside = ((blocked > box_low) & (blocked < box_high)).all(axis=1).any()
+    # Rays where the finger behind the board goes in, from outside to its tip.
+    starts = np.tile(p_object, (9, 1))
+    starts[:, axis] += sign * FINGER_LONG_M
+    beside, behind = np.meshgrid([-0.01, 0.0, 0.01], np.array([0.1, 0.5, 1.0]) * FINGER_DEEP_M)
+    starts[:, along] += beside.ravel()
+    starts[:, 1] = high[1] + behind.ravel()
+    way = np.zeros((9, 3))
+    way[:, axis] = -sign
+    blocks = _blocked(starts, way, FINGER_LONG_M + FINGER_TIP_M, corpus).any()
     T = np.eye(4)
     T[:3, :3], T[:3, 3] = R, p_object
-    fits = thickness <= FINGERS_M and not inside
+    fits = thickness <= FINGERS_M and not blocks
     return Contact("edge", float(high[along] - low[along]), thickness, 2.0 * EDGE_GRIP_M, fits, T)

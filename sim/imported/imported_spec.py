@@ -27,7 +27,6 @@ BOARD_KG_M3 = 600.0  # chipboard
 BOARD_M = 0.018  # the part counts as a shell of board, or as solid where that is less
 MASS_KG = (0.2, 12.0)  # of a part
 MASS_SAID_KG = (0.02, 60.0)  # what a file says is believed within these
-STANDARD_RANGE = {"prismatic": 0.40, "revolute": float(np.deg2rad(40.0))}  # the paper's
 
 
 @dataclass(frozen=True, slots=True)

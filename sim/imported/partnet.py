@@ -76,7 +76,10 @@ class PartnetSuite:
 
     def __iter__(self) -> Iterator[ImportedSpec]:
         """Every sound object as met with seed 0; what is wrong with the others is logged."""
-        return iter(self.sound(0)[0])
+        specs, skipped = self.sound(0)
+        for bad in skipped:
+            LOG.warning("%s is left out: %s", bad.name, bad.problem)
+        return iter(specs)
 
     def names(self) -> tuple[str, ...]:
         """ID, or ID#JOINT where several joints move; files that cannot be read are left out."""
@@ -105,8 +108,6 @@ class PartnetSuite:
                 specs.append(self.load(name, seed))
             except InputError as error:
                 skipped.append(Skipped(f"{self.name}/{name}", str(error)))
-        for bad in skipped:
-            LOG.warning("%s is left out: %s", bad.name, bad.problem)
         return specs, skipped
 
     def _named(self) -> tuple[tuple[str, ...], list[Skipped]]:

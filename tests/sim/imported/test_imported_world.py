@@ -1,0 +1,340 @@
+"""Users' objects in the world: built, gripped, pulled; the same every time, and from the cache."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+import trimesh
+
+from akm_fg.errors import InputError
+from sim.bullet import load_urdf, p, quiet
+from sim.episode import open_world
+from sim.imported import convex
+from sim.imported.convex import convex_pieces
+from sim.imported.imported_build import build_imported
+from sim.imported.imported_spec import MASS_KG, ImportOptions
+from sim.imported.partnet import PartnetSuite
+from sim.objects import standard_range
+from sim.staging import find_spec
+from sim.world import SimWorld
+
+PULL_N = 25.0
+DOOR = {"kind": "revolute", "axis": "0 1 0", "origin": (-0.45, 0.0, 0.52), "limits": (-1.57, 0.0)}
+
+
+@pytest.fixture(autouse=True, scope="module")
+def own_cache(tmp_path_factory: pytest.TempPathFactory):
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("XDG_CACHE_HOME", str(tmp_path_factory.mktemp("cache")))
+        yield
+
+
+@pytest.fixture
+def upright_bar(solid):
+    """A door's handle at its free edge."""
+    bars = [((0.35, 0.0, 0.61), (0.03, 0.30, 0.03))]
+    bars += [((0.35, y, 0.57), (0.03, 0.03, 0.07)) for y in (-0.13, 0.13)]
+    return [solid(middle, sides, "metal") for middle, sides in bars]
+
+
+@pytest.mark.parametrize("case", ["drawer", "door", "continuous", "no collision"])
+def test_an_object_settles_closed_and_opens_when_pulled_at_its_grip(
+    case: str, mobility_object, upright_bar, tmp_path: Path
+):
+    given = {
+        "drawer": {"limits": (0.0, -1.0), "axis": "0 0 -1"},
+        "door": {**DOOR, "handle": upright_bar},
+        "continuous": {**DOOR, "kind": "continuous", "limits": None, "handle": upright_bar},
+        "no collision": {"limits": (-0.576, 0.136), "axis": "0 0 -1", "collision": False},
+    }[case]
+    folder = mobility_object(**given).write(tmp_path / "1")
+    with SimWorld(f"partnet:{folder}", 0) as world:
+        built, spec = world.built, world.spec
+        assert MASS_KG[0] <= spec.mass_kg <= MASS_KG[1]
+        run(world, 0.2)
+        assert abs(world.part_state()) < 1e-3
+        run(world, 0.4, PULL_N)
+        assert world.part_state() > (0.02 if spec.kind == "prismatic" else 0.05)
+        T = world.placement.T_world_object
+        out = T.rotation().matrix() @ outwards(built)
+        grip = T.transformFrom(built.T_object_handle.translation())
+        assert out[:2] @ -grip[:2] > 0.0  # towards the robot, which stands at the origin
+        assert standard_range(spec) <= (0.40 if spec.kind == "prismatic" else np.deg2rad(40.0))
+
+
+def outwards(built) -> np.ndarray:
+    arm = built.T_object_handle.translation() - built.pivot_object
+    axis = built.axis_object
+    way = axis if built.spec.kind == "prismatic" else np.cross(axis, arm)
+    return way / np.linalg.norm(way)
+
+
+def run(world: SimWorld, seconds: float, pull_n: float = 0.0) -> None:
+    T = world.placement.T_world_object
+    force = pull_n * (T.rotation().matrix() @ outwards(world.built))
+    at = T.transformFrom(world.built.T_object_handle.translation())
+    for _ in range(round(seconds / world.config.step_s)):
+        if pull_n > 0.0:
+            p.applyExternalForce(
+                world.object_id,
+                world.part_joint,
+                force.tolist(),
+                at.tolist(),
+                p.WORLD_FRAME,
+                physicsClientId=world.client,
+            )
+        world.step()
+
+
+def test_the_part_has_the_inertia_of_its_shape_and_no_motor_but_friction(
+    mobility_object, tmp_path: Path
+):
+    folder = mobility_object().write(tmp_path / "1")
+    with SimWorld(f"partnet:{folder}", 0) as world:
+        info = p.getDynamicsInfo(world.object_id, world.part_joint, physicsClientId=world.client)
+        mass, width, height = world.spec.mass_kg, *(world.spec.size_m[[0, 2]] * [0.9, 1.1 / 1.2])
+        assert info[0] == pytest.approx(mass)
+        # A board of that mass: about its long sides and about its normal, within a tenth.
+        board = sorted(mass / 12.0 * np.array([width**2, height**2, width**2 + height**2]))
+        np.testing.assert_allclose(sorted(info[2]), board, rtol=0.12)
+    body = world.built.urdf.parent / "object.urdf"
+    with quiet():
+        client = p.connect(p.DIRECT)
+    try:
+        import gtsam
+
+        loaded = load_urdf(client, body, gtsam.Pose3())
+        p.setGravity(0.0, -1.0, 0.0, physicsClientId=client)  # the drawer may run freely
+        for _ in range(240):
+            p.stepSimulation(physicsClientId=client)
+        assert p.getJointState(loaded, 0, physicsClientId=client)[0] > 0.3
+    finally:
+        p.disconnect(client)
+
+
+def test_colours_are_those_of_the_materials_and_pictures(mobility_object, tmp_path: Path):
+    folder = mobility_object().write(tmp_path / "1")
+    with open_world(f"partnet:{folder}", 0, "clean") as episode:
+        rgb, _ = episode.camera.exact()
+        built = episode.world.built
+    files = built.urdf.parent
+    shown = {path.read_text() for path in files.glob("part_*.mtl")}
+    assert any("Kd 0.1020 0.2000 0.8000" in text for text in shown)  # paint: 0.1 0.2 0.8
+    assert any("map_Kd" in path.read_text() for path in files.glob("corpus_*.mtl"))
+    blue = (rgb[..., 2] > 100) & (rgb[..., 0] < 60)
+    assert 0.03 < blue.mean() < 0.6
+
+
+def test_fingers_fit_behind_a_handle_that_is_one_mesh(mobility_object, tmp_path: Path):
+    folder = mobility_object().write(tmp_path / "1")
+    with SimWorld(f"partnet:{folder}", 0) as world:
+        T = world.placement.T_world_object * world.built.T_object_handle
+        bar, gap = T.translation(), T.transformFrom(np.array([0.0, 0.0, 0.03]))
+        thin = world.spec.handle.thickness_m
+        assert overlaps(world, bar, 0.004)
+        assert not overlaps(world, gap, 0.006)
+        assert not overlaps(world, T.transformFrom(np.array([0.0, 0.7 * thin + 0.006, 0.0])), 0.003)
+        assert world.spec.handle.fits and world.spec.handle.style == "handle"
+
+
+def overlaps(world: SimWorld, p_world: np.ndarray, radius_m: float) -> bool:
+    """Whether a small ball there would touch the part."""
+    ball = p.createCollisionShape(p.GEOM_SPHERE, radius=radius_m, physicsClientId=world.client)
+    body = p.createMultiBody(1.0, ball, -1, p_world.tolist(), physicsClientId=world.client)
+    found = p.getClosestPoints(
+        body, world.object_id, 0.0, -1, world.part_joint, physicsClientId=world.client
+    )
+    p.removeBody(body, physicsClientId=world.client)
+    return bool(found)
+
+
+def test_a_concave_mesh_is_decomposed_once_for_all_scales(monkeypatch: pytest.MonkeyPatch):
+    corner = trimesh.creation.box([1.0, 1.0, 2.0])
+    corner.apply_translation([0.3, 0.3, 0.0])
+    angle = trimesh.boolean.difference([trimesh.creation.box([1.0, 1.0, 1.0]), corner])
+    ran = []
+    run_coacd = convex._run_coacd
+    monkeypatch.setattr(convex, "_run_coacd", lambda *a: ran.append(1) or run_coacd(*a))
+    pieces = convex_pieces(angle.vertices, angle.faces)
+    volume = sum(trimesh.convex.convex_hull(piece).volume for piece in pieces)
+    assert len(pieces) >= 2 and volume == pytest.approx(angle.volume, rel=0.05)
+    larger = convex_pieces(3.0 * angle.vertices + 1.0, angle.faces)
+    assert len(ran) == 1
+    np.testing.assert_allclose(larger[0], 3.0 * pieces[0] + 1.0, atol=1e-5)
+
+
+@pytest.mark.parametrize("flat", [True, False])
+def test_what_is_convex_or_flat_needs_no_decomposition(flat: bool, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr(convex, "_run_coacd", None)
+    box = trimesh.creation.box([1.0, 1.0, 0.3])
+    if flat:
+        box = trimesh.Trimesh([[0, 0, 1], [1, 0, 1], [1, 1, 1], [0, 1, 1]], [[0, 1, 2], [0, 2, 3]])
+    (piece,) = convex_pieces(box.vertices, box.faces)
+    assert trimesh.convex.convex_hull(piece).volume == pytest.approx(0.002 if flat else 0.3)
+
+
+def test_the_same_file_builds_the_same_bytes_wherever_it_lies(mobility_object, tmp_path: Path):
+    made = []
+    for place in ("a", "b"):
+        folder = mobility_object(second_joint=True).write(tmp_path / place)
+        out = tmp_path / f"out-{place}"
+        out.mkdir()
+        spec = find_spec(f"partnet:{folder}", 3, joint="joint_0")
+        build_imported(spec, out)
+        made.append(out)
+    files = sorted(f.name for f in made[0].iterdir())
+    assert files == sorted(f.name for f in made[1].iterdir()) and "object.urdf" in files
+    for file in files:
+        a, b = ((folder / file).read_bytes() for folder in made)
+        assert a.replace(b"/a", b"/b") == b, file
+
+
+def test_the_seed_scales_a_folders_object_and_leaves_a_urdf_in_metres(
+    mobility_object, tmp_path: Path
+):
+    folder = mobility_object(category="Microwave").write(tmp_path / "1")
+    specs = [find_spec(f"partnet:{folder}", seed) for seed in (0, 1)]
+    assert specs[0].scale != specs[1].scale
+    assert all(0.45 <= spec.size_m.max() <= 0.55 for spec in specs)
+    urdf = find_spec(str(folder / "mobility.urdf"), 1)
+    assert urdf.scale == 1.0 and urdf.size_m.max() == pytest.approx(1.2)
+    assert find_spec(str(folder), 0).scale == specs[0].scale  # `partnet:` may be left out
+
+
+def test_the_other_joints_are_fixed(mobility_object, tmp_path: Path):
+    folder = mobility_object(second_joint=True).write(tmp_path / "1")
+    with SimWorld(f"partnet:{folder}#joint_2", 0) as world:
+        assert p.getNumJoints(world.object_id, physicsClientId=world.client) == 1
+        assert world.spec.joint == "joint_2" and world.spec.kind == "revolute"
+
+
+def test_a_front_without_handle_is_pinched_at_its_free_edge_or_said_not_to_fit(
+    mobility_object, solid, tmp_path: Path
+):
+    bare = [solid((0.0, 0.0, 0.53), (0.02, 0.02, 0.02), "paint")]  # within the board
+    inset = mobility_object(**DOOR, handle=bare).write(tmp_path / "1")
+    wide = [solid((0.05, 0.0, 0.52), (1.0, 1.1, 0.04), "paint")]
+    over = mobility_object(**DOOR, part=wide, handle=bare).write(tmp_path / "2")
+    for folder in (inset, over):  # the names in the file say `handle`; take them away
+        urdf = folder / "mobility.urdf"
+        urdf.write_text(urdf.read_text().replace('name="handle-3"', 'name="panel-3"'))
+    shut, proud = (find_spec(f"partnet:{f}", 0).handle for f in (inset, over))
+    assert shut.style == proud.style == "edge"
+    assert proud.fits and not shut.fits
+    np.testing.assert_allclose(proud.T_object_handle[:3, 2], [-1.0, 0.0, 0.0])  # from the right
+
+
+def test_a_protrusion_serves_as_handle_and_a_point_may_be_given(mobility_object, tmp_path: Path):
+    folder = mobility_object().write(tmp_path / "1")
+    urdf = folder / "mobility.urdf"
+    metres = ImportOptions(scale=1.0)
+    named = find_spec(f"partnet:{folder}", 0, options=metres).handle
+    urdf.write_text(urdf.read_text().replace('name="handle-3"', 'name="thing-3"'))
+    found = find_spec(f"partnet:{folder}", 0, options=metres).handle
+    assert found.style == "protrusion"
+    np.testing.assert_allclose(found.T_object_handle, named.T_object_handle, atol=0.01)
+    point = tuple(float(x) for x in named.T_object_handle[:3, 3] + [0.05, 0.0, 0.0])
+    given = find_spec(
+        f"partnet:{folder}", 0, options=ImportOptions(scale=1.0, contact=point)
+    ).handle
+    assert given.style == "given"
+    assert np.linalg.norm(given.T_object_handle[:3, 3] - point) < 0.03
+
+
+def test_a_missing_collision_mesh_is_replaced_and_a_missing_visual_one_refused(
+    mobility_object, tmp_path: Path
+):
+    folder = mobility_object().write(tmp_path / "1")
+    urdf = folder / "mobility.urdf"
+    head, tail = urdf.read_text().rsplit("<collision>", 1)
+    urdf.write_text(head + "<collision>" + tail.replace("bar-3.obj", "gone.obj", 1))
+    spec = find_spec(f"partnet:{folder}", 0)
+    out = tmp_path / "out"
+    out.mkdir()
+    build_imported(spec, out)
+    assert len(list(out.glob("part_hull_*.obj"))) == 4  # the board and the handle's three
+    (folder / "textured_objs" / "front-2.obj").unlink()
+    with pytest.raises(InputError, match=r"front-2\.obj is missing"):
+        find_spec(f"partnet:{folder}", 0)
+
+
+def test_a_mesh_that_cannot_be_read_gets_one_line(mobility_object, tmp_path: Path):
+    folder = mobility_object().write(tmp_path / "1")
+    for content in ("v 1 2\nf 1 2 3\n", ""):
+        (folder / "textured_objs" / "front-2.obj").write_text(content)
+        with pytest.raises(InputError, match=r"front-2\.obj") as caught:
+            find_spec(f"partnet:{folder}", 0)
+        assert "\n" not in str(caught.value)
+
+
+def test_a_suite_goes_on_without_its_broken_objects_and_says_so(
+    mobility_object, tmp_path: Path, caplog: pytest.LogCaptureFixture
+):
+    mobility_object().write(tmp_path / "7")
+    mobility_object(second_joint=True).write(tmp_path / "12")
+    mobility_object().write(tmp_path / "8")
+    (tmp_path / "8" / "mobility.urdf").write_text("<robot")
+    mobility_object().write(tmp_path / "9")
+    (tmp_path / "9" / "textured_objs" / "bar-3.obj").unlink()
+    suite = PartnetSuite(tmp_path)
+    specs, skipped = suite.sound(0)
+    wanted = ["7", "12#joint_0", "12#joint_2"]
+    assert [spec.name for spec in specs] == [f"partnet:{tmp_path}/{name}" for name in wanted]
+    assert [spec.name for spec in suite] == [spec.name for spec in specs]
+    assert len(skipped) == 2 == len(caplog.records)
+    assert "is not XML" in skipped[0].problem and "bar-3.obj is missing" in skipped[1].problem
+    assert find_spec(specs[1].name, 0).joint == "joint_0"  # the listed name opens it
+
+
+@pytest.mark.parametrize(
+    ("name", "joint", "told"),
+    [
+        ("partnet:{}/1", None, "several joints move; expected one named by --joint: joint_0"),
+        ("partnet:{}/1", "lid", "no joint 'lid' that moves; expected one of joint_0, joint_2"),
+        ("partnet:{}/2", None, "has no mobility.urdf"),
+        ("{}/gone.urdf", None, "no such file"),
+        ("furniture-dev/door-001", "hinge", "has one joint"),
+    ],
+)
+def test_a_wrong_object_or_joint_gets_one_clear_line(
+    name: str, joint: str | None, told: str, mobility_object, tmp_path: Path
+):
+    mobility_object(second_joint=True).write(tmp_path / "1")
+    with pytest.raises(InputError, match=told) as caught:
+        find_spec(name.format(tmp_path), 0, joint=joint)
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize("folder", ["empty", "gone"])
+def test_a_folder_without_objects_is_refused(folder: str, tmp_path: Path):
+    (tmp_path / "empty").mkdir()
+    with pytest.raises(InputError, match=r"expected FOLDER/ID/mobility\.urdf"):
+        PartnetSuite(tmp_path / folder)
+
+
+@pytest.mark.slow
+def test_another_process_gets_the_very_same_object(mobility_object, tmp_path: Path):
+    """Same seed, same bytes: also where hashes and threads fall otherwise."""
+    folder = mobility_object().write(tmp_path / "1")
+    code = (
+        "import sys; from sim.staging import find_spec, stage; from sim.kinematics import "
+        "FrankaKinematics; from sim.object_record import RECORD; b, _ = stage(find_spec("
+        "sys.argv[1], 5), FrankaKinematics()); print((b.urdf.parent / RECORD).read_text())"
+    )
+    told = set()
+    for place in ("x", "y"):
+        env = {"XDG_CACHE_HOME": str(tmp_path / place), "PATH": "/usr/bin:/bin"}
+        told.add(
+            subprocess.run(
+                [sys.executable, "-c", code, f"partnet:{folder}"],
+                env=env,
+                capture_output=True,
+                text=True,
+                check=True,
+            ).stdout
+        )
+    assert len(told) == 1
