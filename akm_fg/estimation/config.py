@@ -15,6 +15,7 @@ class PriorConfig:
     hinge_distance_m: float = 0.3  # median distance of a hinge from the part's middle
     handle_distance_m: float = 0.6  # the same for the path of one marker, which sits on a handle
     hinge_distance_sigma_log: float = 0.6  # 95 % of hinges between a third and three times that
+    motion_that_matters_m: float = 0.01  # rest is named where such a travel would have been seen
     least_travel_m: float = 0.001  # the travel is log-uniform from here, less is no motion,
     largest_travel_m: float = 1.0  # to here
     pitch_sigma_m_per_rad: float = 0.05  # of helical joints: 30 cm a turn

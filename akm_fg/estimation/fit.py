@@ -30,7 +30,7 @@ from akm_fg.estimation.problem import (
 )
 from akm_fg.estimation.rigid_motion import MIN_POINTS
 from akm_fg.estimation.steps import to_end
-from akm_fg.estimation.weighed_kinds import weighed
+from akm_fg.estimation.weighed_kinds import weighed, with_sampled_joints
 from akm_fg.records import FloatArray, PointTracks, PoseTrack
 
 
@@ -166,4 +166,5 @@ def fit_surface(
 def _fit(
     problem: FitProblem, began: float, surface: SurfaceSource | None = None
 ) -> ArticulationPosterior:
-    return to_end(fit_in_steps(problem, began, surface)).posterior
+    posterior = with_sampled_joints(to_end(fit_in_steps(problem, began, surface)))
+    return replace(posterior, time_s={"total": time.perf_counter() - began})

@@ -11,8 +11,8 @@ import numpy as np
 from akm_fg.estimation.evidence import (
     is_parametric,
     kind_probabilities,
-    motion_is_significant,
     nested_screw,
+    rest_is_shown,
     temper,
 )
 from akm_fg.estimation.knowledge import passed_limits
@@ -26,9 +26,12 @@ from akm_fg.estimation.posterior import (
     StatePosterior,
 )
 from akm_fg.estimation.problem import NOMINAL_POSITION_M, FitProblem
+from akm_fg.estimation.sampled_posterior import sampled
 from akm_fg.estimation.states import states_of_all_frames
 from akm_fg.records import JointKind
 from factors.gauge import GAUGE_NAMES
+
+_NOT_WORTH_SAMPLING = 1e-3  # probability of a kind
 
 
 @dataclass(frozen=True, slots=True)
@@ -66,7 +69,7 @@ def weighed(
         text for fit in fits for text in passed_limits(problem.knowledge.states, fit.kind, fit.q)
     ]
     decided = parametric and probability[best.kind] >= problem.config.undecided_below
-    if best.kind == "rigid" and motion_is_significant(fits):
+    if best.kind == "rigid" and not rest_is_shown(fits, problem.config.prior):
         decided = False
     posterior = ArticulationPosterior(
         name=problem.name,
@@ -77,6 +80,18 @@ def weighed(
         time_s={"total": time.perf_counter() - began},
     )
     return FittedKinds(posterior, fits, problem)
+
+
+def with_sampled_joints(fitted: FittedKinds) -> ArticulationPosterior:
+    """The answer with the joints that the data leave vague sampled: see `sampled_posterior`."""
+    answer = fitted.posterior
+    alternatives = dict(answer.alternatives)
+    for fit in fitted.fits:
+        if answer.kind_probability[fit.kind] > _NOT_WORTH_SAMPLING:
+            better = sampled(fit, fitted.problem)
+            if better is not fit:
+                alternatives[fit.kind] = _kind_posterior(pointing_forward(better), fitted.problem)
+    return replace(answer, alternatives=alternatives)
 
 
 def pointing_forward(fit: KindFit) -> KindFit:

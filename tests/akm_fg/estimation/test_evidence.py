@@ -8,14 +8,14 @@ import pytest
 from numpy.testing import assert_allclose
 
 from akm_fg.estimation.all_kinds import graph_problem
-from akm_fg.estimation.config import FitConfig
+from akm_fg.estimation.config import FitConfig, PriorConfig
 from akm_fg.estimation.dense_fit import register
 from akm_fg.estimation.evidence import (
     _largest_by_chance,
     is_parametric,
     kind_probabilities,
-    motion_is_significant,
     nested_screw,
+    rest_is_shown,
     temper,
 )
 from akm_fg.estimation.fit import fit_tracks
@@ -234,11 +234,25 @@ def _without_surface(problem):
     return replace(problem.observations, dense=None)
 
 
-@pytest.mark.parametrize(("gained", "significant"), [(20.0, False), (28.0, True)])
-def test_rest_is_contradicted_by_more_than_noise_can_gain(gained, significant, door):
+@pytest.mark.parametrize(("gained", "shown"), [(20.0, True), (28.0, False)])
+def test_rest_is_contradicted_by_more_than_noise_can_gain(gained, shown, door):
     """19 free states of a drawer: noise alone gains 24 nats or more once in a hundred times."""
     _, fits = door
-    drawer = replace(fits["prismatic"], tau=1.0, q=np.zeros(20))
+    drawer = replace(fits["prismatic"], tau=1.0)
     rest = replace(drawer, kind="rigid", log_likelihood=drawer.log_likelihood - gained)
-    assert motion_is_significant([rest, drawer]) is significant
+    assert rest_is_shown([rest, drawer], PriorConfig()) is shown
     assert _largest_by_chance(19, 3) == pytest.approx(47.0, abs=1.0)  # twice the nats
+
+
+@pytest.mark.parametrize(("sd_m", "shown"), [(0.0012, True), (0.0018, False)])
+def test_rest_is_named_only_where_a_centimetre_would_have_been_seen(sd_m, shown, door):
+    """19 states even over 1 cm have squares of 1.58 cm^2 in all: 110 of (1.2 mm)^2, 49 of 1.8 mm.
+
+    With 19 free states at rest, 47 is passed by noise once in a hundred times; 19 + 49 with a
+    standard deviation of 15 falls short of it too often, 19 + 110 with 22 does not.
+    """
+    _, fits = door
+    drawer = replace(fits["prismatic"], tau=1.0)
+    drawer = replace(drawer, information=np.eye(drawer.information.shape[0]) / sd_m**2)
+    rest = replace(drawer, kind="rigid")
+    assert rest_is_shown([rest, drawer], PriorConfig()) is shown
