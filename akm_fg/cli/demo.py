@@ -207,6 +207,8 @@ def _as_dict(name: str, summary: RunSummary) -> dict[str, Any]:
             "axis": truth.axis.tolist(),
             "pivot": None if truth.pivot is None else truth.pivot.tolist(),
             "final_state": summary.final_state_true,
+            "slip_m": None if summary.arm is None else summary.arm.slip_m,
+            "slip_rad": None if summary.arm is None else summary.arm.slip_rad,
         },
         "time_s": summary.time_s,
         "failure": summary.failure,

@@ -16,9 +16,10 @@ from akm_fg.closed_loop import Episode, EpisodeConfig, Look, Task, run_episode
 from akm_fg.errors import GraspFailed
 from akm_fg.io.recording_writer import RecordingWriter
 from akm_fg.records import JointTruth
-from akm_fg.report.summary import Goal, PartTracks, RunSummary
+from akm_fg.report.summary import ArmRecord, Goal, PartTracks, RunSummary
 from sim.camera import CameraConfig
 from sim.episode import SimEpisode, open_world
+from sim.slip import SlipGauge
 
 RECORDING = "recording"  # the folder of the recording in the folder of the run
 
@@ -42,11 +43,15 @@ class _Reporter:
     def __init__(self, writer: RecordingWriter, world: SimEpisode) -> None:
         self._writer, self._world = writer, world
         self._began = time.perf_counter()
+        self._motion = world.arm.record()
+        self._gauge: SlipGauge | None = None  # from the moment at which the hand has taken hold
         self.truths: list[JointTruth] = []
 
     def looked(self, look: Look) -> None:
         """Keep the frame; the truth goes beside it, for scoring alone."""
         self.truths.append(self._world.truth())
+        if self._gauge is None and look.holding:
+            self._gauge = SlipGauge(self._world.world, look.T_world_gripper)
         self._writer.add(look.frame, T_world_gripper=look.T_world_gripper)
         if sys.stderr.isatty():
             print(f"\r\033[K  frame {len(self.truths)}", end="", file=sys.stderr, flush=True)
@@ -56,6 +61,21 @@ class _Reporter:
         start = "\r\033[K" if sys.stderr.isatty() else ""
         seconds = time.perf_counter() - self._began
         print(f"{start}{seconds:6.1f} s  {words}", file=sys.stderr, flush=True)
+
+    def arm(self) -> ArmRecord:
+        """How the arm fared until now."""
+        # As a real arm would report it: contacts change a simulated speed within one step.
+        use = self._motion.motion().filtered().usage()
+        shares = {
+            "joint speed": use.velocity,
+            "acceleration": use.acceleration,
+            "jerk": use.jerk,
+            "torque": use.torque,
+        }
+        if self._gauge is None:
+            return ArmRecord(None, None, shares)
+        slip = self._gauge.slip(self._world.arm.T_world_gripper())
+        return ArmRecord(slip.translation_m, slip.rotation_rad, shares)
 
     def truth(self) -> JointTruth | None:
         """The true joint, one state for each frame that was written."""
@@ -101,13 +121,20 @@ def run_in_simulator(request: RunRequest) -> tuple[RunSummary, bool]:
         writer.set_truth(truth)
         if episode.grasp_frames is not None:
             writer.set_grasp_frames(*episode.grasp_frames)
-        final_state = float(world.truth().states[-1])
-    return _summary(request, name, episode, truth, final_state), interrupted
+        measured = _Measured(truth, float(world.truth().states[-1]), reporter.arm())
+    return _summary(request, name, episode, measured), interrupted
 
 
-def _summary(
-    request: RunRequest, name: str, episode: Episode, truth: JointTruth, final_state: float
-) -> RunSummary:
+@dataclass(frozen=True, slots=True)
+class _Measured:
+    """What the simulator knows. For scoring alone."""
+
+    truth: JointTruth  # a state for each frame
+    final_state: float  # when all motion had ended, m or rad
+    arm: ArmRecord
+
+
+def _summary(request: RunRequest, name: str, episode: Episode, measured: _Measured) -> RunSummary:
     fit, n = episode.fit, len(episode.looks)
     kind, wanted = next(iter(request.target.items()))
     tracks = None
@@ -123,10 +150,11 @@ def _summary(
         recording=episode.recording(RECORDING),
         tracks=tracks,
         posterior=None if fit is None else fit.posterior,
-        truth=truth,
+        truth=measured.truth,
         goal=Goal(wanted, request.config.tolerance(kind), "m" if kind == "prismatic" else "rad"),
         rounds=tuple(episode.rounds),
-        final_state_true=final_state - float(truth.states[0]),
+        final_state_true=measured.final_state - float(measured.truth.states[0]),
+        arm=measured.arm,
         closed_loop_frame=None if turn is None or turn >= n else turn,
         time_s=dict(episode.time_s),
         failure=episode.failure,

@@ -14,7 +14,7 @@ from akm_fg.report.pictures import Picture, axis_note, band_magnification, pictu
 from akm_fg.report.plots import kinds_svg, states_svg
 from akm_fg.report.rows import Row, score_rows
 from akm_fg.report.sentences import reading, verdict, what_was_done
-from akm_fg.report.summary import CONFIDENCE, RunSummary
+from akm_fg.report.summary import CONFIDENCE, ArmRecord, RunSummary
 from akm_fg.report.template import PAGE
 from akm_fg.report.wording import NONE, chosen, duration, per_cent, size, state
 
@@ -183,9 +183,23 @@ def _facts(summary: RunSummary) -> str:
         if fit.patches_used and fit.patches_rms_m is not None:
             surface = f"{fit.patches_used} patches of {len(fit.keyframes_registered)} frames"
             rows.append(("surface in the fit", f"{surface}, {size(fit.patches_rms_m, 'm')} rms"))
+    rows += _arm_facts(summary.arm)
     times = ", ".join(f"{name} {duration(t)}" for name, t in summary.time_s.items())
     rows.append(("time per stage", times or NONE))
     return "".join(f"<dt>{escape(term)}</dt><dd>{escape(text)}</dd>" for term, text in rows)
+
+
+def _arm_facts(arm: ArmRecord | None) -> list[tuple[str, str]]:
+    if arm is None:
+        return []
+    rows = []
+    if arm.slip_m is not None and arm.slip_rad is not None:
+        slip = f"{size(arm.slip_m, 'm')} and {size(arm.slip_rad, 'rad')} at the end, as simulated"
+        rows.append(("slip of the grasp", slip))
+    if arm.limit_shares:
+        shares = ", ".join(f"{what} {100 * s:.0f} %" for what, s in arm.limit_shares.items())
+        rows.append(("most of the arm's limits", shares))
+    return rows
 
 
 def _clip(summary: RunSummary) -> str:

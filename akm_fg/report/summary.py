@@ -54,6 +54,15 @@ class Goal:
 
 
 @dataclass(frozen=True, slots=True)
+class ArmRecord:
+    """How the arm fared, as the simulator measured it. For scoring alone."""
+
+    slip_m: float | None  # way of the gripper in the part since it took hold; None: it never held
+    slip_rad: float | None  # and its turn
+    limit_shares: dict[str, float]  # quantity -> largest share of its limit, 1 is the limit
+
+
+@dataclass(frozen=True, slots=True)
 class RunSummary:
     """One run, ready to be reported."""
 
@@ -69,6 +78,7 @@ class RunSummary:
     goal: Goal | None = None  # None where the part was only observed
     rounds: tuple[RoundSummary, ...] = ()
     final_state_true: float | None = None  # measured when all motion had ended
+    arm: ArmRecord | None = None  # None where nothing was measured
     closed_loop_frame: int | None = None  # first frame of the closed loop; None if there was none
     time_s: dict[str, float] = field(default_factory=dict)  # stage -> seconds
     failure: str | None = None  # the cause, one line

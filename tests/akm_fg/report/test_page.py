@@ -10,6 +10,7 @@ from akm_fg.estimation.posterior import StatePosterior
 from akm_fg.report.page import render_page
 from akm_fg.report.pictures import band_magnification
 from akm_fg.report.plots import kinds_svg
+from akm_fg.report.summary import ArmRecord
 from akm_fg.report.write import write_report
 
 
@@ -112,6 +113,15 @@ def test_the_surface_is_told_where_it_is_in_the_fit(words, scenes):
     assert "RGB-D camera and the part's surface in 3 of them" in text
     assert "surface in the fit 321 patches of 3 frames, 0.060 cm rms" in text
     assert "surface" not in words(scenes.summary("revolute"))
+
+
+def test_what_the_simulator_measured_of_the_arm_is_told(words, scenes):
+    shares = {"speed": 0.412, "torque": 0.07}
+    text = words(scenes.summary("revolute", arm=ArmRecord(0.0021, np.deg2rad(1.5), shares)))
+    assert "slip of the grasp 0.21 cm and 1.5° at the end" in text
+    assert "most of the arm's limits speed 41 %, torque 7 %" in text
+    text = words(scenes.summary("revolute", arm=ArmRecord(None, None, {})))
+    assert "slip" not in text and "limits" not in text
 
 
 def test_a_drawer_has_no_pivot(words, scenes):
