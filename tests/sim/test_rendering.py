@@ -31,9 +31,9 @@ def no_wish(monkeypatch: pytest.MonkeyPatch) -> None:
 
 @pytest.fixture(scope="module")
 def egl() -> EglScene:
-    problem = try_egl().problem
-    if problem is not None:
-        pytest.skip(f"no EGL on this machine: {problem}")
+    trial = try_egl()
+    if not trial.device:  # where it starts but draws wrongly, the tests fail
+        pytest.skip(f"no EGL on this machine: {trial.problem}")
     scene = EglScene()
     yield scene
     scene.close()
