@@ -20,7 +20,7 @@ from sim.charuco_board import (
 from sim.charuco_plate import PlateSpec
 
 SCENE = "furniture-dev/door-003"
-CONFIG = PoseConfig(views=4)  # drawn four times larger: two seconds a view on a busy machine
+CONFIG = PoseConfig(views=2, supersample=3)  # drawn three times larger: half a second a view
 
 
 @pytest.fixture(scope="module")
@@ -87,9 +87,8 @@ def test_a_board_inside_the_furniture_is_noticed(rig):
     world = rig.world
     front = world.placement.T_world_object
     into = front * gtsam.Pose3(gtsam.Rot3.Rx(-np.pi / 2), np.array([0.0, -0.1, 0.3]))
-    q = world.kinematics.solve(into, np.zeros(7))
     found = False
-    for turn in np.linspace(0, 2 * np.pi, 13):
+    for turn in np.linspace(0, 2 * np.pi, 7):
         q = world.kinematics.solve(
             into * gtsam.Pose3(gtsam.Rot3.Rz(turn), np.zeros(3)), np.zeros(7)
         )
@@ -111,13 +110,14 @@ def test_reported_poses_err_as_stated():
 def test_the_same_seed_gives_the_same_poses_and_another_seed_others(rig):
     def poses(seed):
         rng = np.random.default_rng(seed)
-        return np.array(list(sample_configurations(rig, CONFIG, rng)))
+        return np.array(list(sample_configurations(rig, replace(CONFIG, views=1), rng)))
 
-    assert_allclose(poses(3), poses(3), atol=0.0)
-    assert not np.allclose(poses(3), poses(4))
+    first = poses(3)
+    assert_allclose(first, poses(3), atol=0.0)
+    assert not np.allclose(first, poses(4))
 
 
 def test_a_board_out_of_reach_is_an_error_not_a_short_recording(rig):
     far = replace(CONFIG, distance_m=(3.0, 4.0), tries=50)
-    with pytest.raises(MotionInfeasible, match=r"only 0 of 4 poses"):
+    with pytest.raises(MotionInfeasible, match=r"only 0 of 2 poses"):
         list(sample_configurations(rig, far, np.random.default_rng(0)))
