@@ -65,7 +65,7 @@ class ArmDrive:
         )
         self._world.step()
         state = self.refresh()
-        self._gripper.advance(state.finger_speeds_m_s, self.step_s)
+        self._gripper.advance(state.fingers_m, state.finger_speeds_m_s, self.step_s)
         if self.recorder is not None:
             self.recorder.add(state.q, state.dq, tau)
 

@@ -53,6 +53,8 @@ class FrankaConfig:
     track: TrackConfig = field(default_factory=TrackConfig)
     gripper: GripperConfig = field(default_factory=GripperConfig)
     approach_m_s: float = 0.08  # straight, before contact
+    guarded_m: float = 0.015  # the last stretch of it, where something may be touched early
+    guarded_m_s: float = 0.012  # there: an impact stays within the joints' accelerations
     arrival_m: float = 0.008  # farther than this from the grasp pose: something was in the way
     close_max_s: float = 4.0  # 40 mm at 20 mm/s, and time to squeeze
     squeeze_s: float = 0.1  # at full force, before the hand is taken to hold
@@ -113,8 +115,7 @@ class SimFranka:
         yield from self._drive.execute(self._release(), tick_s)
         motion = self._free_motion(options.configurations, around)
         yield from self._drive.execute(motion, tick_s)
-        approach = self._straight(T_world_grasp, self.config.reach.standoff_m, 0.0)
-        yield from self._drive.execute(approach, tick_s)
+        yield from self._drive.execute(self._approach(T_world_grasp), tick_s)
         off_m = float(
             np.linalg.norm(self.T_world_gripper().translation() - T_world_grasp.translation())
         )
@@ -177,10 +178,10 @@ class SimFranka:
         Raises:
             MotionInfeasible: there are none.
         """
-        reach, p_grasp = self.config.reach, T_world_grasp.translation()
-        around = surroundings(own_surroundings(self._floor_m), self._seen, p_grasp, reach)
+        reach = self.config.reach
+        around = surroundings(own_surroundings(self._floor_m), self._seen, T_world_grasp, reach)
         options = grasp_options(self._kinematics, T_world_grasp, around, reach)
-        where = f"the grasp at {np.round(p_grasp, 3)} m"
+        where = f"the grasp at {np.round(T_world_grasp.translation(), 3)} m"
         if not options.reachable:
             raise MotionInfeasible(f"{where} is out of the arm's reach")
         if not options.configurations:
@@ -217,20 +218,25 @@ class SimFranka:
             yield joint_impedance(q_ref, dq_ref, state.q, state.dq, balance, self.config.joints)
         self._q_rest = motion.q[-1].copy()
 
+    def _approach(self, T_world_grasp: gtsam.Pose3) -> Iterator[FloatArray]:
+        c, T = self.config, T_world_grasp
+        yield from self._straight(T, c.reach.standoff_m, c.guarded_m, c.approach_m_s)
+        yield from self._straight(T, c.guarded_m, 0.0, c.guarded_m_s)
+        yield from self._stay(T.matrix(), c.settle_s)
+
     def _straight(
-        self, T_world_goal: gtsam.Pose3, from_m: float, to_m: float
+        self, T_world_goal: gtsam.Pose3, from_m: float, to_m: float, speed_m_s: float
     ) -> Iterator[FloatArray]:
         """Along the goal's z, from `from_m` behind it to `to_m` behind it."""
         sign = 1.0 if from_m > to_m else -1.0
         forward = sign * T_world_goal.rotation().matrix()[:, 2]
         wanted = standoff(T_world_goal, from_m).matrix()
         start, last = wanted[:3, 3].copy(), 0.0
-        for s in line_motion(abs(from_m - to_m), self._drive.step_s, self.config.approach_m_s):
+        for s in line_motion(abs(from_m - to_m), self._drive.step_s, speed_m_s):
             wanted[:3, 3] = start + s * forward
             velocity = (s - last) / self._drive.step_s * forward
             last = s
             yield self._cartesian(wanted, np.concatenate([velocity, np.zeros(3)]))
-        yield from self._stay(wanted, self.config.settle_s)
 
     def _stay(self, T_wanted: FloatArray, duration_s: float) -> Iterator[FloatArray]:
         for _ in range(round(duration_s / self._drive.step_s)):
@@ -255,7 +261,9 @@ class SimFranka:
             return
         here = self.T_world_gripper()
         yield from self._stay(here.matrix(), self.config.open_s)
-        yield from self._straight(here, 0.0, self.config.reach.standoff_m)
+        c = self.config
+        yield from self._straight(here, 0.0, c.reach.standoff_m, c.approach_m_s)
+        yield from self._stay(standoff(here, c.reach.standoff_m).matrix(), c.settle_s)
 
     def _pull(self, direction_world: FloatArray, distance_m: float) -> Iterator[FloatArray]:
         T_start = self._sense()[2].copy()

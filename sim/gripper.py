@@ -21,6 +21,7 @@ class GripperConfig:
     ramp_n_s: float = 100.0  # from there to the full force
     touch_m_s: float = 0.002  # a slower finger stands
     touch_s: float = 0.03  # for this long
+    opened_m: float = 0.0005  # this far from its end a finger stops: a hit would jerk the arm
     gear_force_n: float = 200.0  # what the coupling may use: more than both fingers push
 
 
@@ -37,6 +38,7 @@ class SimGripper:
         self.squeezing = False
         self._force_n = 0.0
         self._stood_s = 0.0
+        self._opening = False
         self.open()
 
     def _couple(self) -> None:
@@ -72,20 +74,25 @@ class SimGripper:
 
     def open(self) -> None:
         """Drives the fingers apart."""
-        self.squeezing = False
+        self.squeezing, self._opening = False, True
         self._drive(self.config.open_m_s, self.config.force_n)
 
     def close(self) -> None:
         """Drives the fingers together; once both stand, the force grows to the limit and stays."""
-        self.squeezing = True
+        self.squeezing, self._opening = True, False
         self._stood_s = 0.0
         self._drive(-self.config.close_m_s, self.config.seek_n)
 
-    def advance(self, speeds_m_s: tuple[float, float], step_s: float) -> None:
-        """One control step, given the measured speed of each finger."""
+    def advance(
+        self, travel_m: tuple[float, float], speeds_m_s: tuple[float, float], step_s: float
+    ) -> None:
+        """One control step, given the measured travel and speed of each finger."""
+        c = self.config
+        if self._opening and min(travel_m) > c.open_m - c.opened_m:
+            self._opening = False
+            self._drive(0.0, c.force_n)
         if not self.squeezing or self.at_full_force:
             return
-        c = self.config
         stands = max(abs(speed) for speed in speeds_m_s) < c.touch_m_s
         self._stood_s = self._stood_s + step_s if stands else 0.0
         if self._force_n > c.seek_n or self._stood_s >= c.touch_s:
