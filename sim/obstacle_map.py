@@ -38,20 +38,34 @@ class MapConfig:
 
 
 @dataclass(frozen=True, slots=True)
+class GraspRoom:
+    """Where a grasped handle and the front behind it are: before the palm, about its axis.
+
+    What sticks out farther than the palm comes, such as a table top above, is not in it.
+    """
+
+    T_world_grasp: gtsam.Pose3
+    radius_m: float  # about the gripper's z
+    ahead_m: float  # of the grasp point, against the gripper's z: where the room begins
+
+    def holds(self, p_world: FloatArray) -> BoolArray:
+        """(N,) which points (N, 3) are in it."""
+        T = self.T_world_grasp
+        p_grasp = (p_world - T.translation()) @ T.rotation().matrix()
+        aside = np.linalg.norm(p_grasp[:, :2], axis=1)
+        return np.asarray((p_grasp[:, 2] > -self.ahead_m) & (aside < self.radius_m))
+
+
+@dataclass(frozen=True, slots=True)
 class ObstacleMap:
     """The shell of the space that may be occupied."""
 
     p_world: FloatArray  # (N, 3) middles of the shell's voxels
     voxel_m: float
 
-    def obstacle(self, beside: FloatArray | None = None, within_m: float = 0.0) -> Obstacle | None:
-        """The shell as an obstacle; without what lies `within_m` of the point `beside` (3,).
-
-        None where nothing is left of it.
-        """
-        points = self.p_world
-        if beside is not None:
-            points = points[np.linalg.norm(points - beside, axis=1) > within_m]
+    def obstacle(self, room: GraspRoom | None = None) -> Obstacle | None:
+        """The shell as an obstacle, without what a grasp's room holds. None where none is left."""
+        points = self.p_world if room is None else self.p_world[~room.holds(self.p_world)]
         if not len(points):
             return None
         octree = coal.makeOctree(np.ascontiguousarray(points), self.voxel_m)

@@ -12,7 +12,7 @@ import ruckig
 from akm_fg.records import FloatArray
 from sim.collision import FINGERS, HAND, ArmCollisions, Obstacle, resampled
 from sim.kinematics import N_ARM, Q_HOME, Q_MAX, Q_MIN, FrankaKinematics, limit_margin_rad
-from sim.obstacle_map import ObstacleMap
+from sim.obstacle_map import GraspRoom, ObstacleMap
 
 SAME_RAD = 0.05  # joint angles nearer than this belong to one branch
 
@@ -27,7 +27,8 @@ class ReachConfig:
     retreat_steps: int = 6
     starts: int = 10  # of the inverse kinematics, home first
     margin_m: float = 0.02  # kept from obstacles: tracking error, and noise of the depth
-    grasp_room_m: float = 0.09  # around the grasp point the hand may come near to what is seen
+    room_radius_m: float = 0.14  # about the approach, where the hand may come near to what is
+    room_ahead_m: float = 0.04  # seen of handle and front: the palm stops 47 mm before the grasp
     step_m: float = 0.01  # no point of the arm moves farther between two collision checks
 
 
@@ -44,7 +45,7 @@ class Surroundings:
     """The obstacles of one grasp, as the two parts of the way to it have to respect them."""
 
     free_motion: ArmCollisions  # the whole arm
-    approach: ArmCollisions  # fingers anywhere, the hand near the grasp point
+    approach: ArmCollisions  # fingers anywhere, the hand before handle and front
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,20 +58,24 @@ class GraspOptions:
 
 
 def surroundings(
-    known: list[Obstacle], seen: ObstacleMap | None, p_grasp: FloatArray, config: ReachConfig
+    known: list[Obstacle],
+    seen: ObstacleMap | None,
+    T_world_grasp: gtsam.Pose3,
+    config: ReachConfig,
 ) -> Surroundings:
-    """The arm among obstacles, for the way to a grasp at the point (3,), world.
+    """The arm among obstacles, for the way to a grasp.
 
     Args:
         known: what the arm need not see.
         seen: what a camera saw; None where none has looked.
-        p_grasp: between the fingertips, at the grasp.
+        T_world_grasp: where the hand will close.
         config: margins.
     """
+    room = GraspRoom(T_world_grasp, config.room_radius_m, config.room_ahead_m)
     whole = seen.obstacle() if seen else None
-    room = seen.obstacle(p_grasp, config.grasp_room_m) if seen else None
+    rest = seen.obstacle(room) if seen else None
     for_arm = [] if whole is None else [_spared(whole, (HAND, *FINGERS))]
-    for_hand = [] if room is None else [_spared(room, FINGERS)]
+    for_hand = [] if rest is None else [_spared(rest, FINGERS)]
     return Surroundings(
         ArmCollisions([*known, *([whole] if whole else [])], config.margin_m),
         ArmCollisions([*known, *for_arm, *for_hand], config.margin_m),
