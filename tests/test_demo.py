@@ -16,7 +16,7 @@ import pytest
 pytest.importorskip("pybullet", reason="the simulator is not installed")
 
 from akm_fg.cli import simulated_run
-from akm_fg.cli.demo import DemoArguments, DemoSetting, demo
+from akm_fg.cli.demo import DemoArguments, DemoSetting, demo, wanted_state
 from akm_fg.cli.main import main
 from akm_fg.closed_loop import EpisodeConfig
 from akm_fg.io.recording import read_recording, read_truth
@@ -194,6 +194,26 @@ def test_a_grasp_that_fails_before_the_first_frame_is_told(tmp_path, monkeypatch
     monkeypatch.setattr(SimFranka, "grasp", grasp)
     assert demo(DemoArguments("drawer", out=tmp_path / "runs"), SMALL) == 1
     assert "nothing between them" in capfd.readouterr().err
+
+
+@dataclass(frozen=True)
+class Ranged:
+    kind: str
+    upper: float
+
+
+@pytest.mark.parametrize(
+    ("kind", "upper", "expected"),
+    [
+        ("prismatic", 0.4, 0.2),
+        ("prismatic", 0.15, 0.12),
+        ("revolute", 1.5, np.deg2rad(35.0)),
+        ("revolute", 0.5, 0.4),
+    ],
+)
+def test_a_target_that_is_not_given_lies_within_the_range(kind, upper, expected):
+    found = wanted_state(DemoArguments(), None, Ranged(kind, upper))
+    assert found == {kind: pytest.approx(expected)}
 
 
 def test_a_target_of_the_wrong_unit_is_refused(capfd):

@@ -43,8 +43,8 @@ class DemoArguments:
     joint: str | None = None
     """Of a file or folder: the joint that is free, where several move."""
     target: str | None = None
-    """Opening to reach from closed: metres (0.25) where it slides, degrees (35deg) where it
-    turns."""
+    """Opening to reach from closed: metres (0.25) where it slides, degrees (35deg) where it turns.
+    If absent 0.20 or 35deg, or 0.8 of the range where that is less."""
     seed: int = 0
     """Of the object and the camera's noise."""
     out: Path = Path("runs")
@@ -76,7 +76,7 @@ def demo(arguments: DemoArguments, setting: DemoSetting | None = None) -> int:
     from akm_fg.closed_loop import EpisodeConfig
 
     thing = parse_object(arguments.object, arguments.joint)
-    target = _target(arguments, wanted, thing.spec(arguments.seed))
+    target = wanted_state(arguments, wanted, thing.spec(arguments.seed))
     with json_output(arguments.json) as stream:
         folder = _make_folder(arguments.out, f"{thing.label}-{arguments.seed}")
         try:
@@ -115,7 +115,7 @@ def _require_simulator() -> None:
         )
 
 
-def _target(
+def wanted_state(
     arguments: DemoArguments, wanted: tuple[float, Unit] | None, spec: PartSpec
 ) -> dict[str, float]:
     """Wanted state of the object's kind of joint: what was asked for, or what is in its range."""
