@@ -124,23 +124,49 @@ def _hidden(axes: list[FloatArray], frame: RgbdFrame, config: MapConfig) -> Bool
 
 
 def _nearest_surface(frame: RgbdFrame, config: MapConfig) -> NDArray[np.float32]:
-    """(H, W) smallest depth within half a voxel's width of each pixel.
-
-    A pixel without depth (a hole, or the robot) takes that of the nearest one that has it.
-    """
+    """(H, W) smallest depth within half a voxel's width of each pixel; infinite where unknown."""
     depth = frame.depth_m
-    unknown = ~np.isfinite(depth)
-    if unknown.all():
+    known = np.isfinite(depth)
+    if not known.any():
         return np.full(depth.shape, np.inf, dtype=np.float32)
-    _, label = cv2.distanceTransformWithLabels(
-        unknown.astype(np.uint8), cv2.DIST_L2, 3, labelType=cv2.DIST_LABEL_PIXEL
-    )
-    known = np.zeros(int(label.max()) + 1, dtype=np.float32)
-    known[label[~unknown]] = depth[~unknown]
-    filled = cv2.medianBlur(known[label], config.median_px)
-    half_px = 0.5 * config.voxel_m * frame.camera.fx / float(np.median(filled))
+    nearness = np.divide(1.0, depth, out=np.zeros(depth.shape, dtype=np.float32), where=known)
+    nearness = cv2.medianBlur(_bridged(nearness, known), config.median_px)
+    half_px = 0.5 * config.voxel_m * frame.camera.fx * float(np.median(nearness[known]))
     side = 2 * int(np.ceil(half_px)) + 1
-    return np.asarray(cv2.erode(filled, np.ones((side, side), dtype=np.uint8)), dtype=np.float32)
+    nearest = cv2.dilate(nearness, np.ones((side, side), dtype=np.uint8))
+    with np.errstate(divide="ignore"):
+        return np.asarray(1.0 / nearest, dtype=np.float32)
+
+
+def _bridged(nearness: NDArray[np.float32], known: BoolArray) -> NDArray[np.float32]:
+    """1 / depth (H, W) with holes and the robot's silhouette bridged.
+
+    Along rows and along columns, linearly from the last known pixel to the next: exact for planes.
+    The farther of both counts, because a bridge from a near edge to a far wall is a phantom.
+    """
+    rows, columns = np.nonzero(~known)
+    along_rows = _between(nearness, known, rows, columns)
+    along_columns = _between(nearness.T, known.T, columns, rows)
+    result = nearness.copy()
+    result[rows, columns] = np.nan_to_num(np.fmin(along_rows, along_columns))
+    return result
+
+
+def _between(
+    values: NDArray[np.float32], known: BoolArray, lines: NDArray[np.int64], at: NDArray[np.int64]
+) -> NDArray[np.float32]:
+    """(N,) linear interpolation in each line (row) at places without a value.
+
+    Where only one side has a value, that; where none has, NaN.
+    """
+    n = known.shape[1]
+    index = np.arange(n)
+    before = np.maximum.accumulate(np.where(known, index, -1), axis=1)[lines, at]
+    after = np.minimum.accumulate(np.where(known, index, n)[:, ::-1], axis=1)[:, ::-1][lines, at]
+    a = np.where(before >= 0, values[lines, before], np.nan)
+    b = np.where(after < n, values[lines, np.minimum(after, n - 1)], np.nan)
+    between = a + (at - before) / (after - before) * (b - a)
+    return np.where(np.isnan(a), b, np.where(np.isnan(b), a, between)).astype(np.float32)
 
 
 def _shell(occupied: BoolArray) -> BoolArray:
