@@ -37,12 +37,13 @@ class Assembly:
     travel: float  # m or rad
     opening: Opening  # as in the file
     size_m: FloatArray  # (3,)
+    scale: float  # by which the file's lengths were multiplied
 
 
 def assemble(
     model: UrdfModel, joint: Joint, scale: float | None, side_m: float, front: str | None
-) -> tuple[Assembly, float]:
-    """Puts the object together; returns the scale too.
+) -> Assembly:
+    """Puts the object together.
 
     Args:
         model: the file.
@@ -66,35 +67,38 @@ def assemble(
     poses = model.T_root_links(closed_states(model, points))
     T_root_joint = poses[joint.parent] * joint.T_parent_joint
     axis = opens.sign * (T_root_joint.rotation().matrix() @ joint.axis)
-    everything = np.concatenate([_at(poses[name], p) for name, p in points.items() if len(p)])
-    part = np.concatenate([_at(poses[name], points[name]) for name in below if len(points[name])])
+    at = {name: _at(poses[name], p) for name, p in points.items() if len(p)}
+    everything = np.concatenate(list(at.values()))
+    part = np.concatenate([p for name, p in at.items() if name in below])
     way = _front(part, everything, axis, T_root_joint.translation(), joint.kind, opens.travel)
-    way = np.array(FRONTS[front]) if front else way
-    T = _object_from_root(way, everything)
+    T = _object_from_root(np.array(FRONTS[front]) if front else way, everything)
     size = np.ptp(_at(T, everything), axis=0)
     factor = side_m / float(size.max()) if scale is None else scale
-
-    def placed(surfaces: dict[str, list[Surface]], moving: bool) -> list[Surface]:
-        return [
-            surface.moved(T * poses[name]).scaled(factor)
-            for name, found in surfaces.items()
-            if (name in below) is moving
-            for surface in found
-        ]
-
-    slides = joint.kind == "prismatic"
-    assembly = Assembly(
-        corpus=placed(seen, False),
-        part=placed(seen, True),
-        collision_corpus=placed(hard, False),
-        collision_part=placed(hard, True),
+    T_of = {name: T * T_root_link for name, T_root_link in poses.items()}
+    return Assembly(
+        corpus=_placed(seen, T_of, factor, set(seen) - below),
+        part=_placed(seen, T_of, factor, below),
+        collision_corpus=_placed(hard, T_of, factor, set(hard) - below),
+        collision_part=_placed(hard, T_of, factor, below),
         axis=T.rotation().matrix() @ axis,
         pivot=T.transformFrom(T_root_joint.translation()) * factor,
-        travel=opens.travel * (factor if slides else 1.0),
+        travel=opens.travel * (factor if joint.kind == "prismatic" else 1.0),
         opening=opens,
         size_m=size * factor,
+        scale=factor,
     )
-    return assembly, factor
+
+
+def _placed(
+    of_link: dict[str, list[Surface]], T_of: dict[str, gtsam.Pose3], scale: float, wanted: set[str]
+) -> list[Surface]:
+    """The wanted links' surfaces, moved by their link's pose, then scaled; in the file's order."""
+    return [
+        surface.moved(T_of[name]).scaled(scale)
+        for name, surfaces in of_link.items()
+        if name in wanted
+        for surface in surfaces
+    ]
 
 
 def _links(model: UrdfModel) -> list[Link]:

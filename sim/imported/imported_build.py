@@ -28,7 +28,7 @@ def build_imported(spec: ImportedSpec, folder: Path) -> BuiltObject:
     """Writes the object's files into `folder`; the same file and spec give the same bytes."""
     model = read_urdf(spec.urdf)
     joint = model.joint(spec.joint)
-    found, _ = assemble(model, joint, spec.scale, 1.0, spec.front)
+    found = assemble(model, joint, spec.scale, 1.0, spec.front)
     shift = -found.pivot
     still = _link("corpus", found.corpus, found.collision_corpus, np.zeros(3), CORPUS_KG, folder)
     moving = _link("part", found.part, found.collision_part, shift, spec.mass_kg, folder)

@@ -25,6 +25,7 @@ from sim.mechanisms import Catch, Closer
 
 BOARD_KG_M3 = 600.0  # chipboard
 BOARD_M = 0.018  # the part counts as a shell of board, or as solid where that is less
+FOUND = "found.json"
 MASS_KG = (0.2, 12.0)  # of a part
 MASS_SAID_KG = (0.02, 60.0)  # what a file says is believed within these
 
@@ -123,15 +124,11 @@ def import_spec(
     said = json.dumps([joint.name, scale, side_m, options.front, options.contact])
 
     def make(folder: Path) -> None:
-        found, factor = assemble(model, joint, scale, side_m or 1.0, options.front)
-        fields = _found(found, factor, model, joint, options)
-        (folder / "found.json").write_text(json.dumps(fields, default=lambda a: a.tolist()))
+        found = assemble(model, joint, scale, side_m or 1.0, options.front)
+        fields = _found(found, model, joint, options, key)
+        (folder / FOUND).write_text(json.dumps(fields, default=lambda a: a.tolist()))
 
     folder = kept(f"found-{digest(code_digest(), content, said)}", make)
-    found = json.loads((folder / "found.json").read_text(encoding="utf-8"))
-    handle = found.pop("handle")
-    contact = Contact(**{**handle, "T_object_handle": np.array(handle["T_object_handle"])})
-    found["size_m"] = np.array(found["size_m"])
     return ImportedSpec(
         name=name,
         seed=seed,
@@ -142,13 +139,25 @@ def import_spec(
         content=content,
         joint=joint.name,
         front=options.front,
-        handle=contact,
-        **found,
+        **_read_found(folder / FOUND),
     )
 
 
+def _read_found(path: Path) -> dict[str, Any]:
+    """What `_found` wrote, with its arrays."""
+    found: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
+    handle = found["handle"]
+    T_object_handle = np.array(handle["T_object_handle"])
+    contact = Contact(**{**handle, "T_object_handle": T_object_handle})
+    return {**found, "size_m": np.array(found["size_m"]), "handle": contact}
+
+
 def _found(
-    found: Assembly, scale: float, model: UrdfModel, joint: Joint, options: ImportOptions
+    found: Assembly,
+    model: UrdfModel,
+    joint: Joint,
+    options: ImportOptions,
+    key: tuple[int, ...],
 ) -> dict[str, Any]:
     """Fields of the spec that come from the file's content."""
     slides = joint.kind == "prismatic"
@@ -157,7 +166,7 @@ def _found(
     contact = find_contact(found.part, found.corpus, hinge, found.pivot, given)
     offset = contact.T_object_handle[:3, 3] - found.pivot
     lever_m = max(float(np.linalg.norm(np.cross(found.axis, offset))), 0.01)
-    rng = np.random.default_rng([int(content_digest(model)[:8], 16), 3])
+    rng = np.random.default_rng([*key, 3])
     # Forces at the grip as of furniture: friction 2 to 5 N, damping 3 to 10 N s/m.
     friction_n, damping_n_s_m, mu = (rng.uniform(*r) for r in ((2.0, 5.0), (3.0, 10.0), (0.7, 1.0)))
     return {
@@ -166,8 +175,8 @@ def _found(
         "closed": found.opening.closed,
         "opens": found.opening.sign,
         "size_m": found.size_m,
-        "scale": scale,
-        "mass_kg": _mass(model, joint, found.part, scale),
+        "scale": found.scale,
+        "mass_kg": _mass(model, joint, found.part, found.scale),
         "damping": joint.damping or float(damping_n_s_m * (1.0 if slides else lever_m**2)),
         "friction": joint.friction or float(friction_n * (1.0 if slides else lever_m)),
         "upper": found.travel,

@@ -32,6 +32,7 @@ HandleStyle = Literal["bar", "rod", "arch", "knob", "lip", "edge"]
 
 APPLIANCES = ("range_drawer", "microwave", "fridge", "dishwasher", "oven")
 PLAIN_SHARE = 1.0 / 3.0  # of the objects, with nothing on them that a tracker could hold on to
+DRAWER_FAMILIES = ("chest", "desk", "range_drawer")
 HANDLELESS_FAMILIES = ("chest", "desk", "cabinet", "flap")
 HANDLELESS_SHARE = 0.1  # of the objects, with a board's edge in place of a handle
 RANGE_MIN_M = 0.40  # every drawer opens at least so far: the benchmark's range
@@ -121,11 +122,7 @@ def sample_furniture(slot: Slot, ranges: SizeRanges, seed: int) -> FurnitureSpec
     size, rows, columns, part_at = _layout(family, hinge, ranges, rng)
     scale = float(np.random.default_rng([*key, seed]).uniform(0.9, 1.1))
     upper = float(rng.uniform(RANGE_MIN_M, 0.46) if hinge is None else rng.uniform(1.05, 1.75))
-    size = size * scale
-    if family == "sliding":
-        size[0] = upper / SLIDING_DOOR
-    elif hinge is None:
-        size[1] = max(size[1], upper + DRAWER_BACK_M + 0.06)
+    size = _roomy(size * scale, family, upper)
     wall_m = float(rng.uniform(0.012, 0.02))
     handle = _sample_handle(family, hinge, rng)
     finish = _sample_finish(family, slot.plain, rng)
@@ -161,6 +158,16 @@ def sample_furniture(slot: Slot, ranges: SizeRanges, seed: int) -> FurnitureSpec
         catch=sample_catch(key, lever_m),
         closer=sample_closer(key, lever_m, lying=hinge in ("top", "bottom")),
     )
+
+
+def _roomy(size_m: FloatArray, family: Family, upper: float) -> FloatArray:
+    """The size (3,) with room for a drawer's or sliding door's range."""
+    width, depth, height = size_m.tolist()
+    if family == "sliding":
+        width = upper / SLIDING_DOOR
+    elif family in DRAWER_FAMILIES:
+        depth = max(depth, upper + DRAWER_BACK_M + 0.06)
+    return np.array([width, depth, height])
 
 
 _Layout = tuple[FloatArray, tuple[float, ...], tuple[float, ...], tuple[int, int]]

@@ -12,13 +12,13 @@ from sim.imported.urdf_reader import read_urdf
 
 HINGE = {"kind": "revolute", "axis": "0 1 0", "origin": (-0.45, 0.0, 0.52)}  # stands, at the left
 INWARD = "0 0 -1"  # of the mesh files, whose front is +z
-# limits in the file, axis, and what is found: closed, sign, travel
+# limits in the file, axis, and what is found: closed, sign, travel, depth of the closed object
 SLIDES = {
-    "plain": ((0.0, 0.5), "0 0 1", (0.0, 1.0, 0.5)),
-    "swapped": ((0.0, -1.0), INWARD, (0.0, -1.0, 1.0)),
-    "negative": ((-0.7, 0.0), INWARD, (0.0, -1.0, 0.7)),
-    "closed at neither end's zero": ((-0.576, 0.136), INWARD, (0.136, -1.0, 0.712)),
-    "modelled open": ((-0.5, 0.2), "0 0 1", (-0.5, 1.0, 0.7)),
+    "plain": ((0.0, 0.5), "0 0 1", (0.0, 1.0, 0.5, 1.125)),
+    "swapped": ((0.0, -1.0), INWARD, (0.0, -1.0, 1.0, 1.125)),
+    "negative": ((-0.7, 0.0), INWARD, (0.0, -1.0, 0.7, 1.125)),
+    "closed at neither end's zero": ((-0.576, 0.136), INWARD, (0.136, -1.0, 0.712, 1.0)),
+    "modelled open": ((-0.5, 0.2), "0 0 1", (-0.5, 1.0, 0.7, 1.0)),
 }
 
 
@@ -26,10 +26,11 @@ SLIDES = {
 def test_a_drawer_is_closed_at_the_end_where_the_whole_is_smaller(
     case: str, mobility_object, tmp_path: Path
 ):
-    limits, axis, (closed, sign, travel) = SLIDES[case]
+    limits, axis, (closed, sign, travel, depth) = SLIDES[case]
     found = assembled(mobility_object(limits=limits, axis=axis).write(tmp_path / "1"))
     assert (found.opening.closed, found.opening.sign) == (closed, sign)
     assert found.travel == pytest.approx(travel)
+    assert found.size_m[1] == pytest.approx(depth)  # the part stands closed
     np.testing.assert_allclose(found.axis, [0.0, -1.0, 0.0], atol=1e-9)  # out of the front
 
 
@@ -60,10 +61,10 @@ def test_a_joint_without_limits_opens_the_way_that_leads_out_of_the_object(
 def test_a_joint_that_changes_nothing_of_the_box_is_closed_at_the_end_nearer_to_zero(
     mobility_object, solid, tmp_path: Path
 ):
-    # A panel within the opening that slides sideways: half as wide as the cabinet.
-    panel = [solid((-0.23, 0.0, 0.49), (0.46, 1.1, 0.02))]
-    knob = [solid((-0.1, 0.0, 0.499), (0.03, 0.03, 0.002))]
-    for limits, closed in (((-0.03, 0.4), -0.03), ((0.4, 0.01), 0.01), ((-0.02, 0.02), -0.02)):
+    # A panel within the opening that slides sideways.
+    panel = [solid((0.0, 0.0, 0.49), (0.4, 1.1, 0.02))]
+    knob = [solid((0.1, 0.0, 0.499), (0.03, 0.03, 0.002))]
+    for limits, closed in (((-0.03, 0.25), -0.03), ((0.04, -0.25), 0.04), ((-0.02, 0.02), -0.02)):
         folder = mobility_object(axis="1 0 0", part=panel, handle=knob, limits=limits).write(
             tmp_path / str(closed)
         )
@@ -114,11 +115,16 @@ def test_root_rotations_stand_the_object_up_on_the_floor_with_its_front_ahead(
 
 def assembled(folder: Path, scale: float = 1.0):
     model = read_urdf(folder / "mobility.urdf")
-    return assemble(model, model.joint("joint_0"), scale, 1.0, None)[0]
+    return assemble(model, model.joint("joint_0"), scale, 1.0, None)
 
 
 def opens_outwards(found) -> bool:
-    """Whether the far edge of a standing door sets out to the front, -y."""
+    """Whether a standing door's far edge sets out to the front, -y, where its handle is."""
+    handle, board = (
+        min(s.points[:, 1].min() for s in found.part if s.name.startswith(name))
+        for name in ("handle", "front")
+    )
+    assert handle < board
     points = np.concatenate([s.points for s in found.part])
     middle = (points.min(axis=0) + points.max(axis=0)) / 2.0
     return float(np.cross(found.axis, middle - found.pivot)[1]) < -0.1
