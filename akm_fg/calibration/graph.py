@@ -106,7 +106,7 @@ class _Problem:
         self.data, self.config, self.start = data, config, start
         self.p_boards = data.p_boards
         self.reported = reported_mount_holder(data, config)
-        self.robot_noise = [_robot_noise(T, config) for T in self.reported]
+        self.robot_noise = [robot_noise(T, config) for T in self.reported]
 
     def first_values(self) -> gtsam.Values:
         values = gtsam.Values()
@@ -174,7 +174,7 @@ def _held(config: CalibrationConfig) -> FloatArray:
     return np.array([float(name in keep) for name in INTRINSICS])
 
 
-def _robot_noise(
+def robot_noise(
     T_mount_holder: gtsam.Pose3, config: CalibrationConfig
 ) -> gtsam.noiseModel.Gaussian:
     """Noise of T_mount_holder on its own tangent: the robot errs in the gripper's axes."""

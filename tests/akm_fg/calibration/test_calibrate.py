@@ -9,7 +9,9 @@ from numpy.testing import assert_allclose
 from scipy import stats
 
 from akm_fg.calibration.calibrate import calibrate
+from akm_fg.calibration.graph import robot_noise
 from akm_fg.calibration.records import CalibrationConfig
+from factors.finite_differences import central_difference
 
 PINHOLE = (0.0, 0.0, 0.0, 0.0)
 
@@ -103,6 +105,22 @@ def test_few_views_of_a_small_part_say_which_direction_is_weak(synthetic):
     data, _ = synthetic(views=4, sd_px=0.8)
     warnings = calibrate(data).warnings
     assert any(w.startswith("T_world_cam: its rotation about") for w in warnings)
+
+
+@pytest.mark.parametrize("place", ["fixed", "gripper"])
+def test_the_arm_errs_in_the_axes_of_its_gripper_wherever_the_camera_is(place):
+    """Covariance on the tangent of T_mount_holder against differences of the reported pose."""
+    G = gtsam.Pose3(gtsam.Rot3.Expmap(np.array([0.4, -0.9, 0.6])), np.array([0.5, -0.2, 0.4]))
+    config = CalibrationConfig(place, robot_sd_m=2e-3, robot_sd_rad=0.01)
+    reported = G if place == "fixed" else G.inverse()
+
+    def moved(xi):
+        true = G * gtsam.Pose3.Expmap(xi)
+        return gtsam.Pose3.Logmap(reported.between(true if place == "fixed" else true.inverse()))
+
+    J = central_difference(moved, np.zeros(6))
+    want = J @ np.diag(np.repeat([0.01**2, 2e-3**2], 3)) @ J.T
+    assert_allclose(robot_noise(reported, config).covariance(), want, rtol=1e-6, atol=1e-11)
 
 
 @pytest.mark.slow
