@@ -151,13 +151,13 @@ def _rounds(summary: RunSummary) -> str:
     for r in summary.rounds:
         moves += r.commanded is not None
         texts = (
-            "only looked" if r.commanded is None else state(r.commanded, goal.unit),
+            NONE if r.commanded is None else state(r.commanded, goal.unit),
             state(r.state_mean, goal.unit),
             size(normal_bound() * r.state_sd, goal.unit),
             per_cent(r.p_within_tolerance),
         )
         cells = "".join(_cell(n, t) for n, t in zip(names[1:], texts, strict=True))
-        when = "look" if r.commanded is None else f"move {moves}"
+        when = "first look" if r.commanded is None else f"move {moves}"
         body.append(f'<tr><th scope="row">{when}</th>{cells}</tr>')
     target = f"{chosen(goal.target, goal.unit)} ± {chosen(goal.tolerance, goal.unit)}"
     return (

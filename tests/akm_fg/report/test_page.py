@@ -104,7 +104,7 @@ def test_the_same_run_gives_the_same_page(scenes, page):
 def test_a_look_is_no_move(words, scenes):
     moved = scenes.summary("revolute").rounds
     text = words(scenes.summary("revolute", rounds=(replace(moved[0], commanded=None), moved[1])))
-    assert "look only looked" in text and "move 1" in text and "move 2" not in text
+    assert "first look –" in text and "move 1" in text and "move 2" not in text
 
 
 def test_the_surface_is_told_where_it_is_in_the_fit(words, scenes):
