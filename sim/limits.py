@@ -121,7 +121,7 @@ class MotionRecorder:
         """One step: joint angles and speeds after it, the torques commanded during it."""
         self._samples.append((q, dq, tau))
 
-    def motion(self, first: int = 0) -> ExecutedMotion:
-        """What was recorded, from sample `first` on."""
-        q, dq, tau = np.array(self._samples[first:]).reshape(-1, 3, 7).transpose(1, 0, 2)
+    def motion(self, first: int = 0, end: int | None = None) -> ExecutedMotion:
+        """What was recorded, from sample `first` to before sample `end`."""
+        q, dq, tau = np.array(self._samples[first:end]).reshape(-1, 3, 7).transpose(1, 0, 2)
         return ExecutedMotion(self._step_s, q, dq, tau)

@@ -77,5 +77,6 @@ def test_too_few_samples_are_refused_and_a_recorder_keeps_the_order():
     motion = recorder.motion(first=2)
     assert (motion.q[:, 0].tolist(), motion.dq[:, 0].tolist()) == ([2, 3], [12, 13])
     assert motion.tau[:, 0].tolist() == [22, 23]
+    assert recorder.motion(1, 3).q[:, 0].tolist() == [1, 2]
     with pytest.raises(ValueError, match="2 samples"):
         motion.usage()
