@@ -20,7 +20,7 @@ from sim.imported.surfaces import Surface, surfaces_of
 from sim.imported.urdf_model import Joint, Link, Shape, UrdfModel
 
 SETS_OUT = 0.5  # cosine from which the way a part sets out names its front
-THIN = 0.35  # of a panel's extent along its way
+THIN = 0.6  # of a panel's extent along its way
 FRONTS = {"+x": (1.0, 0.0), "-x": (-1.0, 0.0), "+y": (0.0, 1.0), "-y": (0.0, -1.0)}
 
 

@@ -16,6 +16,8 @@ from sim.imported.imported_build import build_imported
 from sim.imported.imported_spec import MASS_KG
 from sim.objects import standard_range
 from sim.staging import find_spec
+from sim.suites.catalogue import load_spec
+from sim.suites.furniture_build import build_furniture
 from sim.world import SimWorld
 
 PULL_N = 25.0
@@ -173,6 +175,22 @@ def test_the_other_joints_are_fixed(mobility_object, tmp_path: Path):
     build_imported(spec, out)
     robot = ET.parse(out / "moving.urdf").getroot()
     assert [joint.get("type") for joint in robot.iter("joint")] == ["revolute"]
+
+
+@pytest.mark.parametrize("name", ["drawer-004", "door-008", "door-020", "slide-001"])
+def test_our_own_furniture_comes_back_from_its_urdf_alone(name: str, tmp_path: Path):
+    spec = load_spec(f"furniture-dev/{name}", 0)
+    built = build_furniture(spec, tmp_path)
+    found = find_spec(str(built.urdf), 0)
+    assert (found.kind, found.hinge, found.closed) == (spec.kind, spec.hinge, 0.0)
+    assert found.upper == pytest.approx(spec.upper, abs=1e-5)
+    assert found.mass_kg == pytest.approx(spec.mass_kg, abs=1e-5)
+    np.testing.assert_allclose(found.size_m[[0, 2]], spec.size_m[[0, 2]], atol=2e-3)
+    assert found.handle.style == "protrusion" and found.handle.fits
+    p_grip, p_handle = found.handle.T_object_handle[:3, 3], built.T_object_handle.translation()
+    np.testing.assert_allclose(p_grip[[0, 2]], p_handle[[0, 2]], atol=0.02)
+    along = found.handle.T_object_handle[:3, 0] @ built.T_object_handle.rotation().matrix()[:, 0]
+    assert abs(along) > 0.99  # x runs along the bar
 
 
 @pytest.mark.slow
