@@ -149,9 +149,11 @@ class PointTracks:
 
     def select(self, tracks: NDArray) -> PointTracks:
         """The tracks with these indices (or where this (N,) mask is True)."""
-        if tracks.dtype == bool and tracks.all():
-            return self
-        return PointTracks(self.p_world[:, tracks], self.cov_world[:, tracks])
+        if tracks.dtype == bool:
+            if tracks.all():
+                return self
+            tracks = np.flatnonzero(tracks)
+        return PointTracks(self.p_world.take(tracks, axis=1), self.cov_world.take(tracks, axis=1))
 
 
 @dataclass(frozen=True, slots=True)

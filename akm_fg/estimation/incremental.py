@@ -4,7 +4,8 @@ Every frame gets its state at once, the joint held. A frame where the part has n
 a keyframe, and the leading kind's graph is solved on from where it was; any other frame is pooled
 into the keyframe it is near (see `akm_fg.estimation.keyframes`), so that nothing it says on the
 joint is lost and memory and time stay bounded. When enough has come in, all kinds are fitted anew
-from the keyframes, exactly as `fit_tracks` would, a piece of that work a frame.
+from the keyframes, exactly as `fit_tracks` would, a piece of that work a frame. No frame does two
+pieces of work: where both are due, solving on and comparing take turns.
 """
 
 from __future__ import annotations
@@ -68,6 +69,8 @@ class IncrementalFit:
         self._lead: LeadingKind | None = None
         self._states: dict[int, float] = {}  # of the keyframes, under the leading kind
         self._solved_total = self._compared_total = 0
+        self._to_solve = False  # the leading kind has not seen all keyframes yet
+        self._just_solved = False  # in the last frame: comparing has its turn
         self._comparing: Steps[Comparison] | None = None
         self._compared: Comparison | None = None
         self._warning: str | None = None
@@ -105,9 +108,7 @@ class IncrementalFit:
         frame = self._tracks.taken_in(p_world, cov_world, stamp_s, self._keyframes)
         with one_blas_thread():
             state, is_keyframe = self._placed(frame)
-            if is_keyframe and self._lead is not None:
-                state = self._solved_on(frame.number) or state
-            self._think(is_keyframe)
+            state = self._think(frame.number, is_keyframe) or state
         return self._update(frame, stamp_s, is_keyframe, state)
 
     def posterior(self) -> ArticulationPosterior:
@@ -210,10 +211,10 @@ class IncrementalFit:
             return np.eye(3), np.zeros(3)
         return self._lead.motion(self._states[number_from], self._states[number_to])
 
-    def _solved_on(self, number: int | None = None) -> tuple[float, float] | None:
-        """Solve the leading kind with the keyframes as they are; state of the one asked for."""
+    def _solved_on(self, number: int) -> tuple[float, float] | None:
+        """Solve the leading kind with the keyframes as they are; state of a frame if it is one."""
         assert self._lead is not None
-        self._solved_total = self._keyframes.total
+        self._solved_total, self._to_solve = self._keyframes.total, False
         try:
             self._lead = lead = self._lead.solved_on(
                 self._keyframes, self._tracks.ids, self._states
@@ -222,32 +223,38 @@ class IncrementalFit:
             self._warning = str(error)
             return None
         self._states |= zip(lead.numbers.tolist(), lead.fit.q.tolist(), strict=True)
-        if number is None or number not in lead.numbers:
+        if number not in lead.numbers:
             return None
         place = int(np.searchsorted(lead.numbers, number))
         return float(lead.fit.q[place]), float(lead.fit.state_sd[place])
 
-    def _think(self, is_keyframe: bool) -> None:
-        """One piece of comparing the kinds, if there is reason to; else solve on, if due."""
+    def _think(self, number: int, is_keyframe: bool) -> tuple[float, float] | None:
+        """One piece of work, if there is reason to: solve on, or go on comparing the kinds.
+
+        Returns the state and deviation of the frame that came in if it was solved for.
+        """
         total, config = self._keyframes.total, self._config
         if self._comparing is None:
             due = total > (1 + config.growth_to_compare) * self._compared_total
             if len(self._keyframes.frames) > 1 and (due or (is_keyframe and self._lead is None)):
                 self._compared_total = total
                 self._comparing = compare_kinds(self._snapshot(), self._settings)
+        grown = total > (1 + config.growth_to_solve) * self._solved_total
+        self._to_solve |= is_keyframe or (grown and self._comparing is None)
+        compare = self._comparing is not None and (self._just_solved or not self._to_solve)
+        self._just_solved = self._to_solve and self._lead is not None and not compare
+        if self._just_solved:
+            return self._solved_on(number)
         if self._comparing is not None:
             self._compare_on(self._comparing)
-        elif self._lead is not None and not is_keyframe:
-            if total > (1 + config.growth_to_solve) * self._solved_total:
-                self._solved_on()
+        return None
 
     def _compare_on(self, comparing: Steps[Comparison]) -> None:
         try:
             next(comparing)
         except StopIteration as end:
             self._publish(end.value)
-            if self._lead is not None:  # what came in meanwhile
-                self._solved_on()
+            self._to_solve = True  # with what came in meanwhile
         except InsufficientData as error:
             self._comparing, self._warning = None, str(error)
 
