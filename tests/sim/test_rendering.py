@@ -69,7 +69,7 @@ def test_both_renderers_show_the_same_world(egl: EglScene):
         config = CameraConfig(
             width=half.width, height=half.height, focal_px=half.focal_px, renderer=renderer
         )
-        with open_world("furniture-dev/drawer-003", 0, "clean", camera_config=config) as opened:
+        with open_world("drawer", 0, "clean", camera_config=config) as opened:
             camera = opened.camera
             assert camera.renderer.name == renderer
             rgb, depth = camera.exact()
