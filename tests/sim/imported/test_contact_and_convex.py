@@ -10,6 +10,7 @@ import trimesh
 
 from sim.imported import convex
 from sim.imported.convex import convex_pieces
+from sim.imported.imported_build import inertia_of_hulls
 from sim.imported.imported_spec import ImportOptions
 from sim.staging import find_spec
 
@@ -77,3 +78,11 @@ def test_a_protrusion_serves_as_handle_and_a_point_may_be_given(mobility_object,
     ).handle
     assert given.style == "given"
     assert np.linalg.norm(given.T_object_handle[:3, 3] - point) < 0.03
+
+
+def test_hulls_share_the_mass_by_volume_and_have_the_textbook_inertia():
+    left, right = (trimesh.creation.box([1.0, 2.0, 3.0]) for _ in range(2))
+    right.apply_translation([1.0, 0.0, 0.0])  # beside it: a box of 2 x 2 x 3
+    com, inertia = inertia_of_hulls([left, right], 12.0)
+    np.testing.assert_allclose(com, [0.5, 0.0, 0.0], atol=1e-9)
+    np.testing.assert_allclose(inertia, np.diag([13.0, 13.0, 8.0]), atol=1e-4)

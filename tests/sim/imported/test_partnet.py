@@ -98,3 +98,13 @@ def test_a_folder_without_objects_is_refused(folder: str, tmp_path: Path):
     (tmp_path / "empty").mkdir()
     with pytest.raises(InputError, match=r"expected FOLDER/ID/mobility\.urdf"):
         PartnetSuite(tmp_path / folder)
+
+
+def test_a_mesh_that_was_edited_is_read_anew(mobility_object, tmp_path: Path):
+    folder = mobility_object().write(tmp_path / "1")
+    before = find_spec(str(folder / "mobility.urdf"), 0)
+    mesh = folder / "textured_objs" / "carcass-1.obj"
+    mesh.write_text(mesh.read_text().replace("v 0.500000 ", "v 0.900000 "))
+    after = find_spec(str(folder / "mobility.urdf"), 0)
+    assert after.content != before.content
+    assert after.size_m[0] > before.size_m[0] + 0.3
