@@ -33,12 +33,13 @@ _BLUR_PX = 1.5
 
 @dataclass(frozen=True, slots=True)
 class PanelCamera:
-    """Sees one opening; every frame's noise is its own."""
+    """Sees one opening; every frame's noise is its own. Keeps the pictures it has taken."""
 
     opening: Opening
     seed: int
     noise: DepthNoiseModel = field(default_factory=DepthNoiseModel)
     disparity_sigma_px: float = 0.08
+    taken: dict[int, RgbdFrame] = field(default_factory=dict, compare=False, repr=False)
 
     @property
     def T_world_cam(self) -> gtsam.Pose3:
@@ -54,6 +55,11 @@ class PanelCamera:
 
     def frame(self, t: int) -> RgbdFrame:
         """Frame t; NaN beside the panel."""
+        if t not in self.taken:
+            self.taken[t] = self._picture(t)
+        return self.taken[t]
+
+    def _picture(self, t: int) -> RgbdFrame:
         R, p = part_motion(self.opening.kind, self.opening.T_world_joint, self.opening.q[t : t + 1])
         T_world_panel = gtsam.Pose3(gtsam.Rot3(R[0]), p[0]) * self.opening.T_world_panel
         depth = _depth_of_boxes((T_world_panel.inverse() * self.T_world_cam).matrix())
