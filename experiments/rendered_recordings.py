@@ -105,6 +105,7 @@ def _pulled(
 ) -> Iterator[float]:
     """The arm grasps and pulls; a frame whenever it has gone a random step on."""
     arm = world.arm
+    arm.see(world.camera.capture())
     for _ in arm.grasp(world.T_world_grasp, 0.5):
         pass
     reach = _hand_travel(world) * float(states[-1])
