@@ -6,12 +6,15 @@ arm fit by shape alone, so that a real one can too.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from typing import Protocol
 
 import gtsam
 
 from akm_fg.records import BoolArray, FloatArray, PixelTracks, RgbdFrame, TimedPath
+
+NewQueries = Callable[[int, FloatArray], FloatArray]
+"""(number of a frame, pixels (M, 2) that are followed in it) -> more pixels (K, 2) to follow."""
 
 
 class Camera(Protocol):
@@ -82,15 +85,21 @@ class ObjectSegmenter(Protocol):
 class PointTracker(Protocol):
     """Follows given pixels through a clip.
 
-    Returns exactly the queried points in the given order; where a point is lost, `visible` is
-    False and `uv` is NaN.
+    Returns exactly the queried points in the given order, then those asked for on the way; where
+    a point is lost, `visible` is False, `uv` and `cov_px2` are NaN.
     """
 
     def track(
-        self, frames: Sequence[RgbdFrame], queries_uv: FloatArray, query_frames: Sequence[int]
+        self,
+        frames: Sequence[RgbdFrame],
+        queries_uv: FloatArray,
+        query_frames: Sequence[int],
+        new_queries: NewQueries | None = None,
     ) -> PixelTracks:
         """Tracks of N pixels (N, 2), each starting in its frame of `query_frames` (N,).
 
-        Frames before the start are lost (not tracked backwards).
+        Frames before the start are lost (not tracked backwards). `new_queries` is asked in every
+        frame, in their order, for pixels to follow from that frame on: where what is followed
+        decides what else to follow, one pass through the clip does.
         """
         ...

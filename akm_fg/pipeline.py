@@ -66,7 +66,7 @@ def fit_recording(
         states: what is known of the joint's motion and limits.
 
     Raises:
-        TracksLost: no object, or nothing on it could be followed.
+        TracksLost: no object, or nothing on it could be followed and depth shows no motion.
         NoMotionObserved: nothing moved beyond the noise.
         AxisUnobservable: no moving kind can be fitted.
     """

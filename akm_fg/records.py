@@ -114,13 +114,13 @@ class PixelTracks:
 
     uv: FloatArray  # (T, N, 2), x right, y down, pixel centres at integers; NaN where lost
     visible: BoolArray  # (T, N)
-    sigma_px: FloatArray  # (T, N) standard deviation of either coordinate; NaN where lost
+    cov_px2: FloatArray  # (T, N, 2, 2) of uv: long along an edge, where a point may slip; or NaN
 
     def __post_init__(self) -> None:
         t, n = self.visible.shape
         _require(self.uv.shape == (t, n, 2), f"uv {self.uv.shape}, expected {(t, n, 2)}")
-        sigma = self.sigma_px.shape
-        _require(sigma == (t, n), f"sigma_px {sigma}, expected {(t, n)}")
+        cov = self.cov_px2.shape
+        _require(cov == (t, n, 2, 2), f"cov_px2 {cov}, expected {(t, n, 2, 2)}")
 
 
 @dataclass(frozen=True, slots=True)

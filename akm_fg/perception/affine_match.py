@@ -20,6 +20,8 @@ from numpy.typing import NDArray
 from akm_fg.records import FloatArray
 
 GrayImage = NDArray[np.float32]  # (H, W), smoothed
+_NOISE_ROWS = 4  # every fourth row tells the noise to a percent
+_NORMAL_OVER_MEDIAN = 1.4826  # sd over median absolute value of a Gaussian
 
 
 @dataclass(frozen=True, slots=True)
@@ -30,8 +32,11 @@ class AffineMatchConfig:
     iterations: int = 8
     smooth_px: float = 0.8  # blur before differentiation: widens the basin, tames sampling noise
     image_sigma: float = 2.0  # gray levels; a camera's noise at moderate light, after the blur
-    texel_correlation: float = 6.0  # neighbouring residuals share blur and noise: count a sixth
+    texel_correlation: float = 3.0  # neighbouring residuals share blur and noise: count a third
+    misfit_correlation: float = 30.0  # what is left beyond noise, a second surface, is shared by so
     shape_sigma: float = 0.05  # how much an affine entry changes in a frame: 3 deg of turn
+    noise_margin: float = 1.5  # gradients from noise alone, allowed for: their sum scatters by 20 %
+    edge_leak: float = 0.04  # of an edge's squared gradient, that shows along it: stairs of pixels
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,10 +46,17 @@ class Templates:
     patch: NDArray[np.float32]  # (N, P) gray levels, mean removed
     J: NDArray[np.float32]  # (N, P, 6) d gray / d (a11, a12, a21, a22, u, v)
     H: FloatArray  # (N, 6, 6) J^T J
+    information: FloatArray  # (N, 2, 2) of the place, 1 / px^2, shape unknown; none from noise
 
     def put(self, index: NDArray, other: Templates) -> None:
         """Replace the patches with these indices."""
         self.patch[index], self.J[index], self.H[index] = other.patch, other.J, other.H
+        self.information[index] = other.information
+
+    def joined(self, other: Templates) -> Templates:
+        """These patches, and then the others."""
+        fields = ("patch", "J", "H", "information")
+        return Templates(*(np.concatenate([getattr(self, f), getattr(other, f)]) for f in fields))
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,7 +66,7 @@ class Matches:
     uv: FloatArray  # (N, 2)
     shape: FloatArray  # (N, 2, 2) image offset = shape @ template offset
     correlation: FloatArray  # (N,) of the patch with its template, 1 is equal up to gain and bias
-    sigma_px: FloatArray  # (N,) posterior standard deviation in the worst direction: along an edge
+    cov_px2: FloatArray  # (N, 2, 2) posterior; that of the prediction along an edge
 
 
 def smooth(rgb: NDArray[np.uint8], config: AffineMatchConfig) -> GrayImage:
@@ -79,8 +91,38 @@ def _sample(image: GrayImage, places: FloatArray) -> NDArray[np.float32]:
     return np.asarray(values, dtype=np.float32)
 
 
-def cut_templates(image: GrayImage, uv: FloatArray, config: AffineMatchConfig) -> Templates:
-    """Take templates around pixels (N, 2)."""
+def gradient_noise(a: GrayImage, b: GrayImage) -> float:
+    """Standard deviation of the gray gradient by the camera's noise alone, gray levels a pixel.
+
+    From two smoothed images (H, W) that mostly show the same: the median forgets what moved.
+    """
+    change = a[::_NOISE_ROWS] - b[::_NOISE_ROWS]
+    difference = np.abs(change[:, 2:] - change[:, :-2]) / 2
+    return float(np.median(difference)) * _NORMAL_OVER_MEDIAN / np.sqrt(2.0)
+
+
+def empty_templates(n: int, config: AffineMatchConfig) -> Templates:
+    """Room for n patches."""
+    pixels = (2 * config.radius_px + 1) ** 2
+    return Templates(
+        np.zeros((n, pixels), np.float32),
+        np.zeros((n, pixels, 6), np.float32),
+        np.zeros((n, 6, 6)),
+        np.zeros((n, 2, 2)),
+    )
+
+
+def cut_templates(
+    image: GrayImage, uv: FloatArray, config: AffineMatchConfig, gradient_noise: float = 0.0
+) -> Templates:
+    """Take templates around pixels (N, 2).
+
+    Args:
+        image: where they are.
+        uv: their centres.
+        config: tuning.
+        gradient_noise: see the function of this name.
+    """
     offsets = _offsets(config)
     places = uv[:, None] + offsets
     patch = _sample(image, places)
@@ -91,7 +133,49 @@ def cut_templates(image: GrayImage, uv: FloatArray, config: AffineMatchConfig) -
     J = np.stack([gu * x, gu * y, gv * x, gv * y, gu, gv], axis=-1).astype(np.float32)
     J -= J.mean(axis=1, keepdims=True)  # the patch's mean is free
     H = (J.transpose(0, 2, 1) @ J).astype(np.float64)
-    return Templates(patch - patch.mean(axis=1, keepdims=True), J, H)
+    information = _place_information(H, len(offsets), gradient_noise, config)
+    return Templates(patch - patch.mean(axis=1, keepdims=True), J, H, information)
+
+
+def _place_information(
+    H: FloatArray, pixels: int, gradient_noise: float, config: AffineMatchConfig
+) -> FloatArray:
+    """Information (N, 2, 2) on the place at the assumed image noise, the shape marginalised.
+
+    Noise has gradients too, in all directions, and the stairs of pixels on a slanted straight edge
+    have some along it, which stay behind when the edge slides on. What they add to J^T J on
+    average says nothing of the place and is taken off.
+    """
+    steepest = np.linalg.eigvalsh(H[:, 4:, 4:])[:, 1] / pixels
+    false = config.noise_margin * gradient_noise**2 + config.edge_leak * steepest
+    weight = 1 / (config.image_sigma**2 * config.texel_correlation)
+    shape = weight * H[:, :4, :4] + np.eye(4) / config.shape_sigma**2
+    across = weight * H[:, :4, 4:]
+    known = weight * H[:, 4:, 4:] - across.transpose(0, 2, 1) @ np.linalg.solve(shape, across)
+    return _semidefinite(known - (weight * pixels * false)[:, None, None] * np.eye(2))
+
+
+def _semidefinite(M: FloatArray) -> FloatArray:
+    """Symmetric matrices (N, n, n) without their negative eigenvalues."""
+    w, V = np.linalg.eigh(M)
+    return np.asarray((V * np.maximum(w, 0.0)[:, None, :]) @ V.transpose(0, 2, 1))
+
+
+def no_more_than(information: FloatArray, limit: FloatArray) -> FloatArray:
+    """Information (N, n, n), in no direction more than another one: the smaller where they vie."""
+    w, V = np.linalg.eigh(information)
+    w = np.maximum(w, 1e-9 * w[:, -1:] + 1e-12)
+    Vt = V.transpose(0, 2, 1)
+    root, inverse = (V * w[:, None] ** 0.5) @ Vt, (V * w[:, None] ** -0.5) @ Vt
+    share, U = np.linalg.eigh(inverse @ limit @ inverse)
+    held = (U * np.clip(share, 0.0, 1.0)[:, None]) @ U.transpose(0, 2, 1)
+    return np.asarray(root @ held @ root)
+
+
+def place_information(templates: Templates, index: NDArray, shape: FloatArray) -> FloatArray:
+    """Information (N, 2, 2) of templates on their place when seen in these shapes (N, 2, 2)."""
+    back = np.linalg.inv(shape)
+    return np.asarray(back.transpose(0, 2, 1) @ templates.information[index] @ back)
 
 
 def match(
@@ -100,7 +184,7 @@ def match(
     index: NDArray,
     uv: FloatArray,
     shape: FloatArray,
-    prior_sigma_px: FloatArray,
+    prior_cov_px2: FloatArray,
     config: AffineMatchConfig,
 ) -> Matches:
     """Find the templates with these indices again.
@@ -111,14 +195,14 @@ def match(
         index: (N,) those to find.
         uv: (N, 2) predicted pixels.
         shape: (N, 2, 2) predicted shapes.
-        prior_sigma_px: (N,) standard deviation of the prediction.
+        prior_cov_px2: (N, 2, 2) covariance of the prediction.
         config: tuning.
     """
     patch, J, H = templates.patch[index], templates.J[index], templates.H[index]
     offsets, spread = _offsets(config), np.maximum(patch.std(axis=1), 1e-6)
     u0, A0 = uv, shape
     weight = 1 / (config.image_sigma**2 * config.texel_correlation)
-    precision_u = 1 / prior_sigma_px**2
+    precision_u = np.linalg.inv(prior_cov_px2)
     precision_a = 1 / config.shape_sigma**2
     correlation = np.zeros(len(index))
     for i in range(config.iterations + 1):
@@ -130,38 +214,21 @@ def match(
             break
         error = seen * (spread / seen_spread)[:, None] - patch
         # Prior terms: to first order the warp becomes shape - shape D, uv - shape d.
-        AtA = shape.transpose(0, 2, 1) @ shape
+        At = shape.transpose(0, 2, 1)
+        AtA = At @ shape
         M = weight * H
         M[:, :2, :2] += precision_a * AtA[:, :1, :1] * np.eye(2)
         M[:, 2:4, 2:4] += precision_a * AtA[:, 1:, 1:] * np.eye(2)
-        M[:, 4:, 4:] += precision_u[:, None, None] * AtA
+        M[:, 4:, 4:] += At @ precision_u @ shape
         b = weight * (J.transpose(0, 2, 1) @ error[..., None])[..., 0]
-        At = shape.transpose(0, 2, 1)
         b[:, :4] += precision_a * (At @ (shape - A0)).reshape(-1, 4)
-        b[:, 4:] += precision_u[:, None] * (At @ (uv - u0)[..., None])[..., 0]
+        b[:, 4:] += (At @ precision_u @ (uv - u0)[..., None])[..., 0]
         d = np.linalg.solve(M, b[..., None])[..., 0]
         d[:, 4:] = np.clip(d[:, 4:], -2, 2)  # a longer step leaves the linear range
         D = np.clip(d[:, :4], -0.2, 0.2).reshape(-1, 2, 2)
         shape = shape @ np.linalg.inv(np.eye(2) + D)
         uv = uv - (shape @ d[:, 4:, None])[..., 0]
-    return Matches(uv, shape, correlation, _posterior_sigma(H, shape, correlation, spread,
-                                                           precision_u, config))  # fmt: skip
-
-
-def _posterior_sigma(
-    H: FloatArray,
-    shape: FloatArray,
-    correlation: FloatArray,
-    spread: FloatArray,
-    precision_u: FloatArray,
-    config: AffineMatchConfig,
-) -> FloatArray:
-    """Standard deviation (N,) in the worst direction, with the residual that was really left."""
-    left = spread**2 * np.clip(1 - correlation**2, 0, 1)
-    variance = np.maximum(left, config.image_sigma**2) * config.texel_correlation
-    M = H / variance[:, None, None]
-    M[:, :4, :4] += np.eye(4) / config.shape_sigma**2
-    M[:, 4:, 4:] += precision_u[:, None, None] * np.eye(2)
-    cov = np.linalg.inv(M)[:, 4:, 4:]
-    cov = shape @ cov @ shape.transpose(0, 2, 1)
-    return np.asarray(np.sqrt(np.linalg.eigvalsh(cov)[:, 1]))
+    left = spread**2 * np.clip(1 - correlation**2, 0, 1) / config.image_sigma**2
+    misfit = 1 + config.misfit_correlation / config.texel_correlation * np.maximum(left - 1, 0)
+    seen_well = place_information(templates, index, shape) / misfit[:, None, None]
+    return Matches(uv, shape, correlation, np.linalg.inv(seen_well + precision_u))

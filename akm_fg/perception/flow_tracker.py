@@ -1,37 +1,41 @@
 """A point tracker without weights: dense flow predicts, the first frame's patch corrects.
 
 From frame to frame, DIS optical flow (Kroeger et al., "Fast optical flow using dense inverse
-search", 2016) carries each point on; its variance grows by that of the flow, which is judged
-by going forward and back. Then the patch of the query frame is matched at the predicted place
-under affine change (`affine_match`), which takes the accumulated drift out again. Where that
-patch no longer fits, a patch of the last good frame takes its place and the drift up to there
-stays in the point's variance.
+search", 2016) carries each point on; its covariance grows by that of the flow, which is judged
+by going forward and back, and by the texture: along a straight edge flow is a guess, off by a
+share of the step. Then the patch of the query frame is matched at the predicted place
+under affine change (`affine_match`), which takes the accumulated drift out again, in the
+directions in which the patch has gradients. Where that patch no longer fits, a patch of the last
+good frame takes its place and the drift up to there stays in the point's covariance.
 
 A point is lost where the robot covers it (no depth all around), where its depth jumps, where
 neither patch fits, where flow forth and back disagree, or where its standard deviation has
-grown too large: plain surfaces. A point that was covered is looked for at its old place for
-some frames, which brings resting points back.
+grown too large in both directions: plain surfaces. A point that was covered is looked for at its
+old place for some frames, which brings resting points back.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
-from typing import Any
+from dataclasses import dataclass, field, replace
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from akm_fg.interfaces import NewQueries
 from akm_fg.perception.affine_match import (
     AffineMatchConfig,
     GrayImage,
-    Matches,
-    Templates,
     cut_templates,
+    gradient_noise,
     match,
+    no_more_than,
+    place_information,
     smooth,
 )
+from akm_fg.perception.dense_flow import DisFlow, Flow, flow_at
+from akm_fg.perception.tracked_points import Snapshot, TrackedPoints, tracks_of
 from akm_fg.records import BoolArray, FloatArray, PixelTracks, RgbdFrame
 
 
@@ -40,14 +44,17 @@ class FlowTrackerConfig:
     """When a point counts as found."""
 
     patch: AffineMatchConfig = field(default_factory=AffineMatchConfig)
-    flow_sigma_px: float = 0.7  # DIS (fast preset) on textured, smoothly moving surfaces
+    flow_sigma_px: float = 0.2  # DIS (fast preset) at rest
+    flow_share: float = 0.2  # of a step, on top: on textured, smoothly moving surfaces
+    slip_share: float = 1.0  # of the way, how far flow may be off along an edge, where it guesses
     max_return_px: float = 2.0  # forth and back again must meet, unless the patch itself fits
     min_correlation: float = 0.8  # of the patch; 0.7 lets the robot's shadow through
     sure_correlation: float = 0.9  # to accept a point again that was lost
     max_shift_px: float = 4.0  # from the prediction: more is another, similar place
-    max_sigma_px: float = 1.5  # 3 mm at 1.2 m: as large as the depth noise
-    floor_sigma_px: float = 0.1  # sampling and shading errors, which no patch statistic shows
-    match_scale: float = 1.0  # calibration of the patch's variance, see the tests
+    max_sigma_px: float = 1.5  # in the better direction, 3 mm at 1.2 m: as large as depth noise
+    max_slip_px: float = 5.0  # in the other: 1 cm at 1.2 m; edges are straight for so long
+    floor_sigma_px: float = 0.06  # sampling and shading errors, which no patch statistic shows
+    edge_bend_rad: float = 0.1  # how far an edge's direction is off, where a point has slipped
     max_coast: int = 10  # frames for which a covered point is looked for at its old place
     hole_radius_px: int = 4  # neighbourhood in which depth is looked for: holes are smaller
     min_known: float = 0.35  # of it must have depth, else the robot (or a hole) covers the point
@@ -55,18 +62,23 @@ class FlowTrackerConfig:
     max_moved_back_m: float = 0.02  # a point found again at its old place must lie as deep
 
 
-@dataclass(slots=True)
-class _State:
-    """All points at the current frame; rows are points."""
+@dataclass(frozen=True, slots=True)
+class _Image:
+    """A frame, ready for matching and flow."""
+
+    frame: RgbdFrame
+    gray: NDArray[np.uint8]
+    smoothed: GrayImage
+
+
+@dataclass(frozen=True, slots=True)
+class _Found:
+    """Where points were found; rows as tried."""
 
     uv: FloatArray  # (N, 2)
-    shape: FloatArray  # (N, 2, 2) relative to the anchor
-    drift: FloatArray  # (N,) variance of uv, px^2
-    anchor_drift: FloatArray  # (N,) variance of the anchor relative to the query, px^2
-    depth_m: FloatArray  # (N,) when last seen
-    alive: BoolArray  # (N,) seen in the last frame
-    missed: NDArray[np.int_]  # (N,) frames since it was last seen; too many: given up
-    templates: Templates
+    shape: FloatArray  # (N, 2, 2)
+    cov: FloatArray  # (N, 2, 2) relative to the anchor
+    fits: BoolArray  # (N,)
 
 
 class FlowTracker:
@@ -77,7 +89,11 @@ class FlowTracker:
         self.config = config or FlowTrackerConfig()
 
     def track(
-        self, frames: Sequence[RgbdFrame], queries_uv: FloatArray, query_frames: Sequence[int]
+        self,
+        frames: Sequence[RgbdFrame],
+        queries_uv: FloatArray,
+        query_frames: Sequence[int],
+        new_queries: NewQueries | None = None,
     ) -> PixelTracks:
         """Follow pixels (N, 2), each from its frame of `query_frames` (N,) to the end.
 
@@ -87,131 +103,152 @@ class FlowTracker:
         uv0 = np.asarray(queries_uv, dtype=np.float64).reshape(-1, 2)
         start = np.asarray(query_frames, dtype=int).reshape(-1)
         _check(frames, uv0, start)
-        T, N = len(frames), len(uv0)
-        uv, sigma_px = np.full((T, N, 2), np.nan), np.full((T, N), np.nan)
-        state = _empty(N, self.config)
-        flow = _DisFlow()
-        before: tuple[GrayImage, NDArray[np.uint8]] | None = None
-        for t in range(int(start.min(initial=T)), T):
-            gray = np.asarray(cv2.cvtColor(frames[t].rgb, cv2.COLOR_RGB2GRAY), dtype=np.uint8)
-            image = smooth(frames[t].rgb, self.config.patch)
-            if before is not None:
-                self._advance(state, frames[t], before[0], image, *flow.both(before[1], gray))
-            self._begin(state, np.flatnonzero(start == t), uv0, frames[t], image)
-            seen = state.alive
-            uv[t, seen] = state.uv[seen]
-            sigma_px[t, seen] = np.sqrt(state.drift[seen] + self.config.floor_sigma_px**2)
-            before = (image, gray)
-        return PixelTracks(uv, np.isfinite(sigma_px), sigma_px)
+        state, snapshots = TrackedPoints.empty(len(uv0), self.config.patch), list[Snapshot]()
+        flow, noise = DisFlow(), self._gradient_noise(frames)
+        before: _Image | None = None
+        first = 0 if new_queries is not None else int(start.min(initial=len(frames)))
+        for t in range(first, len(frames)):
+            image = self._prepared(frames[t])
+            if before is not None and state.alive.size:
+                forth, back = flow.both(before.gray, image.gray)
+                self._advance(state, before, image, forth, back, noise)
+            self._begin(state, np.flatnonzero(start == t), uv0, image, noise)
+            if new_queries is not None:
+                more = new_queries(t, state.uv[state.alive])
+                uv0, start = np.concatenate([uv0, more]), np.append(start, np.full(len(more), t))
+                state = state.joined(TrackedPoints.empty(len(more), self.config.patch))
+                self._begin(state, np.arange(len(uv0) - len(more), len(uv0)), uv0, image, noise)
+            snapshots.append(state.snapshot(t))
+            before = image
+        c = self.config
+        return tracks_of(snapshots, len(frames), len(uv0), c.floor_sigma_px, c.edge_bend_rad)
+
+    def _gradient_noise(self, frames: Sequence[RgbdFrame]) -> float:
+        """Of the images, from the first two; none from a single one."""
+        if len(frames) < 2:
+            return 0.0
+        a, b = (smooth(frame.rgb, self.config.patch) for frame in frames[:2])
+        return gradient_noise(a, b)
+
+    def _prepared(self, frame: RgbdFrame) -> _Image:
+        gray = np.asarray(cv2.cvtColor(frame.rgb, cv2.COLOR_RGB2GRAY), dtype=np.uint8)
+        return _Image(frame, gray, smooth(frame.rgb, self.config.patch))
 
     def _begin(
-        self, s: _State, new: NDArray, uv0: FloatArray, frame: RgbdFrame, image: GrayImage
+        self, s: TrackedPoints, new: NDArray[np.int_], uv0: FloatArray, image: _Image, noise: float
     ) -> None:
         """Start points (indices) at their queries."""
         if not new.size:
             return
         s.uv[new], s.shape[new] = uv0[new], np.eye(2)
-        s.drift[new], s.anchor_drift[new] = 0.0, 0.0
-        s.depth_m[new] = _depth_around(frame, uv0[new], self.config)[0]
-        s.alive[new], s.missed[new] = True, 0
-        s.templates.put(new, cut_templates(image, uv0[new], self.config.patch))
+        s.cov[new], s.anchor_cov[new] = 0.0, 0.0
+        s.depth_m[new] = _depth_around(image.frame, uv0[new], self.config)[0]
+        s.alive[new], s.begun[new], s.missed[new] = True, True, 0
+        s.templates.put(new, cut_templates(image.smoothed, uv0[new], self.config.patch, noise))
 
     def _advance(
-        self,
-        s: _State,
-        frame: RgbdFrame,
-        old_image: GrayImage,
-        image: GrayImage,
-        forth: NDArray[np.float32],
-        back: NDArray[np.float32],
+        self, s: TrackedPoints, before: _Image, image: _Image, forth: Flow, back: Flow, noise: float
     ) -> None:
         """Carry all points that are not given up from the last frame to this one."""
         c = self.config
-        tried = np.flatnonzero(s.missed <= c.max_coast)
+        tried = np.flatnonzero(s.begun & (s.missed <= c.max_coast))
         if not tried.size:
             return
         was_seen = s.alive[tried]
-        step = _at(forth, s.uv[tried])
-        predicted = s.uv[tried] + np.where(was_seen[:, None], step, 0)
-        gap = np.where(was_seen, np.linalg.norm(step + _at(back, predicted), axis=1), 0)
-        returned = gap < c.max_return_px
-        step_var = c.flow_sigma_px**2 + gap**2
-        prior = np.sqrt(np.where(was_seen, s.drift[tried], 0) + step_var)
-        m = match(image, s.templates, tried, predicted, s.shape[tried], prior, c.patch)
-        shift = np.linalg.norm(m.uv - predicted, axis=1)
-        fits = (m.correlation > np.where(was_seen, c.min_correlation, c.sure_correlation)) & (
-            shift < c.max_shift_px
-        )
-        uv, shape = m.uv, m.shape
-        drift = s.anchor_drift[tried] + c.match_scale * m.sigma_px**2
-
-        anew = np.flatnonzero(~fits & was_seen & returned)
+        step = np.where(was_seen[:, None], flow_at(forth, s.uv[tried]), 0.0)
+        predicted = s.uv[tried] + step
+        gap = np.linalg.norm(step + flow_at(back, predicted), axis=1)
+        gap = np.where(was_seen, gap, 0.0)
+        step_cov = self._step_cov(s, tried, step, gap)
+        prior = s.cov[tried] + step_cov
+        least = np.where(was_seen, c.min_correlation, c.sure_correlation)
+        found = self._matched(s, tried, predicted, s.shape[tried], prior, least, image)
+        anew = np.flatnonzero(~found.fits & was_seen & (gap < c.max_return_px))
         if anew.size:
-            i = tried[anew]
-            n = self._anchor_anew(s, i, predicted[anew], step_var[anew], old_image, image)
-            shift = np.linalg.norm(n.uv - predicted[anew], axis=1)
-            fits[anew] = (n.correlation > c.min_correlation) & (shift < c.max_shift_px)
-            uv[anew], shape[anew] = n.uv, n.shape
-            drift[anew] = s.anchor_drift[i] + c.match_scale * n.sigma_px**2
-        depth_m, known = _depth_around(frame, uv, c)
-        limit = np.where(was_seen, c.max_depth_jump_m, c.max_moved_back_m)
-        jumped = np.abs(depth_m - s.depth_m[tried]) > limit
-        inside = _inside(frame, uv)
-        good = fits & (known >= c.min_known) & ~jumped & inside & (drift < c.max_sigma_px**2)
-        found = tried[good]
-        s.uv[found], s.shape[found], s.drift[found] = uv[good], shape[good], drift[good]
-        s.depth_m[found] = np.where(np.isfinite(depth_m[good]), depth_m[good], s.depth_m[found])
-        s.alive[tried] = good
-        s.missed[tried] = np.where(good, 0, s.missed[tried] + 1)
+            self._anchor_anew(s, tried[anew], before, noise)
+            flat = np.tile(np.eye(2), (anew.size, 1, 1))
+            again = self._matched(
+                s, tried[anew], predicted[anew], flat, step_cov[anew], least[anew], image
+            )
+            for name in ("uv", "shape", "cov", "fits"):
+                getattr(found, name)[anew] = getattr(again, name)
+        self._accept(s, tried, found, image.frame)
+
+    def _step_cov(
+        self, s: TrackedPoints, tried: NDArray[np.int_], step: FloatArray, gap: FloatArray
+    ) -> FloatArray:
+        """Covariance (N, 2, 2) of the flow's step: larger where the patch leaves it open.
+
+        Along an edge flow errs the same way step after step: there standard deviations add up.
+        Points that were not seen in the last frame may have gone any way along theirs.
+        """
+        c = self.config
+        length = np.linalg.norm(step, axis=1)
+        slipped = np.sqrt(np.linalg.eigvalsh(s.cov[tried])[:, 1])
+        slip = c.slip_share * length
+        slip2 = np.maximum(slip * (slip + 2 * slipped), c.flow_sigma_px**2)
+        slip2 = np.where(s.alive[tried], slip2, c.max_slip_px**2)
+        open_cov = np.linalg.inv(
+            place_information(s.templates, tried, s.shape[tried]) + np.eye(2) / slip2[:, None, None]
+        )
+        flow2 = c.flow_sigma_px**2 + (c.flow_share * length) ** 2 + gap**2
+        return np.asarray(open_cov + flow2[:, None, None] * np.eye(2))
+
+    def _matched(
+        self,
+        s: TrackedPoints,
+        index: NDArray[np.int_],
+        predicted: FloatArray,
+        shape: FloatArray,
+        prior: FloatArray,
+        least_correlation: FloatArray,
+        image: _Image,
+    ) -> _Found:
+        """Points found by their templates."""
+        c = self.config
+        m = match(image.smoothed, s.templates, index, predicted, shape, prior, c.patch)
+        shift = np.linalg.norm(m.uv - predicted, axis=1)
+        fits = (m.correlation > least_correlation) & (shift < c.max_shift_px)
+        return _Found(m.uv, m.shape, m.cov_px2, fits)
 
     def _anchor_anew(
+        self, s: TrackedPoints, index: NDArray[np.int_], before: _Image, noise: float
+    ) -> None:
+        """Take the patches of the last frame as the points' templates.
+
+        They tell no more of the place than the patches before them: what has come in since, as
+        the hand or a shadow, is not on the surface.
+        """
+        told = place_information(s.templates, index, s.shape[index])
+        new = cut_templates(before.smoothed, s.uv[index], self.config.patch, noise)
+        s.templates.put(index, replace(new, information=no_more_than(new.information, told)))
+        s.anchor_cov[index] += s.cov[index]
+        s.cov[index] = 0.0
+
+    def _accept(
         self,
-        s: _State,
-        index: NDArray,
-        predicted: FloatArray,
-        step_var: FloatArray,
-        old_image: GrayImage,
-        image: GrayImage,
-    ) -> Matches:
-        """Find points whose query patch no longer fits by their patch of the last frame."""
-        patch = self.config.patch
-        s.templates.put(index, cut_templates(old_image, s.uv[index], patch))
-        s.anchor_drift[index] = s.drift[index]
-        flat = np.tile(np.eye(2), (len(index), 1, 1))
-        return match(image, s.templates, index, predicted, flat, np.sqrt(step_var), patch)
-
-
-class _DisFlow:
-    """Dense flow between two gray images, forth and back."""
-
-    def __init__(self) -> None:
-        self._dis = cv2.DISOpticalFlow.create(cv2.DISOPTICAL_FLOW_PRESET_FAST)
-
-    def both(
-        self, a: NDArray[np.uint8], b: NDArray[np.uint8]
-    ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-        """(H, W, 2) from a to b and from b to a."""
-        empty: Any = None  # no start value; the stubs do not allow it
-        forth, back = self._dis.calc(a, b, empty), self._dis.calc(b, a, empty)
-        return np.asarray(forth, dtype=np.float32), np.asarray(back, dtype=np.float32)
-
-
-def _empty(n: int, config: FlowTrackerConfig) -> _State:
-    pixels = (2 * config.patch.radius_px + 1) ** 2
-    return _State(
-        uv=np.zeros((n, 2)),
-        shape=np.tile(np.eye(2), (n, 1, 1)),
-        drift=np.zeros(n),
-        anchor_drift=np.zeros(n),
-        depth_m=np.full(n, np.nan),
-        alive=np.zeros(n, dtype=bool),
-        missed=np.full(n, config.max_coast + 1),
-        templates=Templates(
-            np.zeros((n, pixels), np.float32),
-            np.zeros((n, pixels, 6), np.float32),
-            np.zeros((n, 6, 6)),
-        ),
-    )
+        s: TrackedPoints,
+        tried: NDArray[np.int_],
+        found: _Found,
+        frame: RgbdFrame,
+    ) -> None:
+        """Keep what was found and can be true; the others are missed in this frame."""
+        c = self.config
+        depth_m, known = _depth_around(frame, found.uv, c)
+        limit = np.where(s.alive[tried], c.max_depth_jump_m, c.max_moved_back_m)
+        jumped = np.abs(depth_m - s.depth_m[tried]) > limit
+        variance = np.linalg.eigvalsh(found.cov + s.anchor_cov[tried])
+        sure = (variance[:, 0] < c.max_sigma_px**2) & (variance[:, 1] < c.max_slip_px**2)
+        good = found.fits & (known >= c.min_known) & ~jumped & _inside(frame, found.uv) & sure
+        kept = tried[good]
+        s.uv[kept], s.shape[kept], s.cov[kept] = (
+            found.uv[good],
+            found.shape[good],
+            found.cov[good],
+        )
+        s.depth_m[kept] = np.where(np.isfinite(depth_m[good]), depth_m[good], s.depth_m[kept])
+        s.alive[tried] = good
+        s.missed[tried] = np.where(good, 0, s.missed[tried] + 1)
 
 
 def _check(frames: Sequence[RgbdFrame], uv: FloatArray, start: NDArray) -> None:
@@ -228,13 +265,6 @@ def _check(frames: Sequence[RgbdFrame], uv: FloatArray, start: NDArray) -> None:
 def _inside(frame: RgbdFrame, uv: FloatArray) -> BoolArray:
     size = np.array([frame.camera.width, frame.camera.height])
     return np.asarray(((uv >= 0) & (uv <= size - 1)).all(axis=1))
-
-
-def _at(flow: NDArray[np.float32], uv: FloatArray) -> FloatArray:
-    """Flow (N, 2) at sub-pixel places (N, 2)."""
-    u, v = (uv[:, i].astype(np.float32)[None] for i in (0, 1))
-    values = cv2.remap(flow, u, v, cv2.INTER_LINEAR, None, cv2.BORDER_REPLICATE)
-    return np.asarray(values[0], dtype=np.float64)
 
 
 def _depth_around(

@@ -8,7 +8,7 @@ Covariance (camera frame): a track that is off by a few tenths of a pixel still 
 surface, so pixel noise moves the point along it; depth noise moves it along the ray:
 
     p(u, v) = z(u, v) ((u - cx) / fx, (v - cy) / fy, 1)
-    cov_cam = sigma_px^2 (p_u p_u^T + p_v p_v^T) + sigma_z^2 r r^T,   r = p / z
+    cov_cam = J cov_px2 J^T + sigma_z^2 r r^T,   J = (p_u, p_v), r = p / z
 """
 
 from __future__ import annotations
@@ -130,10 +130,10 @@ def lift(
     p_world, cov_world = np.full((T, N, 3), np.nan), np.full((T, N, 3, 3), np.nan)
     for t, frame in enumerate(frames):
         seen = np.flatnonzero(tracks.visible[t])
-        uv, sigma_px = tracks.uv[t, seen], tracks.sigma_px[t, seen]
+        uv, cov_px2 = tracks.uv[t, seen], tracks.cov_px2[t, seen]
         local = local_depth(frame, uv, noise, config)
         p_cam = frame.camera.back_project(uv, local.depth_m)
-        cov_cam = _covariance(frame, p_cam, local, sigma_px, noise, config)
+        cov_cam = _covariance(frame, p_cam, local, cov_px2, noise, config)
         R = frame.T_world_cam.rotation().matrix()
         p_world[t, seen] = p_cam @ R.T + frame.T_world_cam.translation()
         cov_world[t, seen] = R @ cov_cam @ R.T
@@ -144,7 +144,7 @@ def _covariance(
     frame: RgbdFrame,
     p_cam: FloatArray,
     local: LocalDepth,
-    sigma_px: FloatArray,
+    cov_px2: FloatArray,
     noise: DepthNoiseModel,
     config: LiftingConfig,
 ) -> FloatArray:
@@ -157,6 +157,6 @@ def _covariance(
     J_cam_uv[:, 1, 1] += z / fy
     samples = noise.independent_samples(2 * config.radius_px + 1)
     var_z = noise.sigma_m(z, fx) ** 2 / samples + noise.floor_m**2
-    cov = np.einsum("n,nij,nkj->nik", sigma_px**2, J_cam_uv, J_cam_uv)
+    cov = J_cam_uv @ cov_px2 @ J_cam_uv.transpose(0, 2, 1)
     cov += np.einsum("n,ni,nk->nik", var_z, J_cam_z, J_cam_z)
     return cov

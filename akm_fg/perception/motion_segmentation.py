@@ -21,7 +21,7 @@ from scipy.special import expit
 from scipy.stats import chi2
 
 from akm_fg.errors import NoMotionObserved, TracksLost
-from akm_fg.estimation.rigid_motion import RigidMotion, free_rigid_motion
+from akm_fg.estimation.rigid_motion import MIN_POINTS, RigidMotion, free_rigid_motion
 from akm_fg.perception.motion_config import MotionSegmentationConfig
 from akm_fg.perception.motion_seeds import held_tracks, spectral_cluster, with_hand
 from akm_fg.records import BoolArray, FloatArray, PointTracks
@@ -39,13 +39,20 @@ class MotionSegmentation:
     p_nothing_moved: float  # from the approximate (BIC) evidence of rest and of one rigid motion
     motion_m: float  # rms displacement of the moving tracks from their mean; 0 if none
     noise_scale: float  # standard deviations found, in units of those claimed; at least 1
+    enough_tracks: bool = True  # seen often enough to tell motion from rest; else all are open
 
     def require_motion(self) -> None:
         """Go on only if something moved.
 
         Raises:
+            TracksLost: fewer than three tracks were seen often enough to say.
             NoMotionObserved: nothing moved beyond the noise.
         """
+        if not self.enough_tracks:
+            raise TracksLost(
+                f"fewer than {MIN_POINTS} of {self.moving.size} tracks are seen often enough to "
+                "tell motion from rest"
+            )
         if not self.moving.any():
             n = int(self.static.sum())
             raise NoMotionObserved(
@@ -116,19 +123,14 @@ def segment_motion(
         config: tuning.
         rng: draws subsets and minimal sets; a fixed one if not given.
         hand_world: (T, 3) of the gripper that holds the part, metres; NaN where it does not.
-
-    Raises:
-        TracksLost: fewer than three tracks are seen often enough.
     """
     config = config or MotionSegmentationConfig()
     rng = rng or np.random.default_rng(0)
     observed = tracks.observed
     judged = observed.sum(axis=0) >= config.min_observations
-    if judged.sum() < 3:
-        raise TracksLost(
-            f"only {int(judged.sum())} of {len(judged)} tracks are seen in "
-            f"{config.min_observations} frames or more; at least 3 are needed"
-        )
+    if judged.sum() < MIN_POINTS:
+        none = np.zeros_like(judged)
+        return MotionSegmentation(none, none, none, 0.5, 0.0, 1.0, enough_tracks=False)
     p = np.where(observed[..., None], tracks.p_world, 0.0)
     cov = np.where(observed[..., None, None], tracks.cov_world, np.eye(3))
     info = np.asarray(np.linalg.inv(cov + config.systematic_m**2 * np.eye(3)), dtype=np.float64)

@@ -61,7 +61,8 @@ def observe_motion(
 ) -> ObservedMotion:
     """Find the object, follow points on it, lift them, and tell the moving from the resting.
 
-    That nothing moved is a result: see `MotionSegmentation.require_motion`.
+    That nothing moved, or nothing could be followed, is a result too: see
+    `MotionSegmentation.require_motion`.
 
     Args:
         recording: the clip; its object masks are used where it has them.
@@ -71,7 +72,7 @@ def observe_motion(
         tracker: follows the points.
 
     Raises:
-        TracksLost: no object is seen, or no point on it could be followed.
+        TracksLost: no object is seen.
     """
     config = config or ObserveConfig()
     rng = rng or np.random.default_rng(0)
@@ -79,11 +80,6 @@ def observe_motion(
     tracker = tracker or FlowTracker(config.tracker)
     masks = _masks(recording, segmenter, config)
     pixels = track_object(recording.frames, masks, tracker, rng, config.seeding)
-    if not pixels.visible.any():
-        raise TracksLost(
-            f"{recording.name}: no point of the object could be followed "
-            f"({int(masks[0].sum())} object pixels in the first frame)"
-        )
     tracks = lift(pixels, recording.frames, config.noise, config.lifting)
     segmentation = segment_motion(tracks, config.motion, rng, _hand(recording))
     log.info(

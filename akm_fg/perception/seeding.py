@@ -15,6 +15,7 @@ from akm_fg.records import BoolArray, FloatArray, PixelTracks, RgbdFrame
 
 SOBEL_GAIN = 8.0  # of the 3 x 3 operator: gray levels a pixel
 CORNER_WINDOW_PX = 7
+PEAK_PX = 2  # around a corner, its own slope
 RESEED_CELLS = 1.5  # seeds of neighbouring cells are up to two cells apart: no hole between them
 CELL_SHRINK = 0.75
 
@@ -80,6 +81,8 @@ def seed_points(
     if not u.size:
         return np.empty((0, 2))
     uv, strength = np.stack([u, v], axis=-1), corner[v, u]
+    peaks = _peaks(corner)[v, u]
+    uv, strength = uv[peaks], strength[peaks]
     wanted = config.number * (free.sum() / max(int(mask.sum()), 1))
     shift = rng.uniform(0, 1, 2)
     while True:
@@ -87,6 +90,12 @@ def seed_points(
         if len(best) >= wanted or cell <= config.min_spacing_px:
             return uv[best].astype(np.float64)
         cell = max(config.min_spacing_px, CELL_SHRINK * cell)
+
+
+def _peaks(corner: NDArray[np.floating]) -> BoolArray:
+    """(H, W) no stronger corner next to it: cells that meet at one would all choose it."""
+    side = 2 * PEAK_PX + 1
+    return np.asarray(corner >= cv2.dilate(corner, np.ones((side, side), np.uint8)))
 
 
 def _best_of_cells(
@@ -131,27 +140,11 @@ def track_object(
     config = config or SeedingConfig()
     if not masks or min(masks) < 0 or max(masks) >= len(frames):
         raise ValueError(f"masks for frames {sorted(masks)}, expected some of 0..{len(frames) - 1}")
-    times = sorted(masks)
-    first = times[0]
-    seeds = seed_points(frames[first], masks[first], rng, config)
-    tracks = tracker.track(frames, seeds, [first] * len(seeds))
-    later: list[tuple[int, FloatArray]] = []
-    for t in times[1:]:
-        if len(frames) - t < config.min_frames_left:
-            break
-        taken = np.concatenate([tracks.uv[t][tracks.visible[t]], *(uv for _, uv in later)])
-        uv = seed_points(frames[t], masks[t], rng, config, taken)
-        if len(uv):
-            later.append((t, uv))
-    if not later:
-        return tracks
-    more = tracker.track(
-        frames,
-        np.concatenate([uv for _, uv in later]),
-        [t for t, uv in later for _ in range(len(uv))],
-    )
-    return PixelTracks(
-        np.concatenate([tracks.uv, more.uv], axis=1),
-        np.concatenate([tracks.visible, more.visible], axis=1),
-        np.concatenate([tracks.sigma_px, more.sigma_px], axis=1),
-    )
+    first = min(masks)
+
+    def new_queries(t: int, taken_uv: FloatArray) -> FloatArray:
+        if t not in masks or (t > first and len(frames) - t < config.min_frames_left):
+            return np.empty((0, 2))
+        return seed_points(frames[t], masks[t], rng, config, taken_uv)
+
+    return tracker.track(frames, np.empty((0, 2)), [], new_queries)

@@ -8,7 +8,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 from akm_fg import pipeline
-from akm_fg.errors import NoMotionObserved
+from akm_fg.errors import NoMotionObserved, TracksLost
 from akm_fg.io.posterior_json import posterior_as_dict
 from akm_fg.perception.depth_noise import DepthNoiseModel
 from akm_fg.perception.observe import observe_motion
@@ -92,6 +92,31 @@ def test_a_recording_given_as_input_is_fitted_under_its_new_name(fitted, door):
     assert_allclose(
         posterior.best.joint.T_world_joint, fitted("both").posterior.best.joint.T_world_joint
     )
+
+
+def _plain(recording):
+    """The same without any texture, edge or shade: nothing to follow."""
+    frames = (replace(f, rgb=np.full_like(f.rgb, 120)) for f in recording.frames)
+    return replace(recording, frames=tuple(frames))
+
+
+@pytest.mark.parametrize("sources", ["dense", "both"])
+def test_a_wholly_plain_door_is_found_by_depth_alone(sources, door):
+    found = fit_recording(_plain(door.recording), sources=sources)
+    assert found.observed.tracks.p_world.shape[1] == 0
+    assert found.posterior.best.joint.kind == "revolute"
+    angle, distance = _axis_line_off(found.posterior, door)
+    joint = found.posterior.best.joint
+    assert angle < 4 * joint.axis_sd_rad and np.degrees(angle) < 3.0
+    assert distance < 4 * joint.pivot_sd_m and distance < 0.02
+    assert found.posterior.fit.tracks_used == 0
+
+
+def test_without_anything_to_follow_tracks_alone_say_so(door, still):
+    with pytest.raises(TracksLost, match=r"^clip: fewer than 3 of 0 tracks"):
+        fit_recording(_plain(door.recording), sources="tracks")
+    with pytest.raises(TracksLost, match="expected a part that moves"):
+        fit_recording(_plain(still.recording))
 
 
 def test_a_recording_in_which_nothing_moves_says_so_with_its_name(still):

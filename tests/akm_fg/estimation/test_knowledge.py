@@ -316,7 +316,8 @@ def _seen(frames=6, points=12):
     p = rng.normal(size=(1, points, 3)) + 0.001 * rng.normal(size=(frames, points, 3))
     p[:, ~static] += 0.1 * np.arange(frames)[:, None, None]
     tracks = PointTracks(p, np.tile(0.001**2 * np.eye(3), (frames, points, 1, 1)))
-    pixels = PixelTracks(p[..., :2], np.ones((frames, points), dtype=bool), p[..., 0])
+    cov_px2 = np.tile(np.eye(2), (frames, points, 1, 1))
+    pixels = PixelTracks(p[..., :2], np.ones((frames, points), dtype=bool), cov_px2)
     segmentation = MotionSegmentation(~static, static, np.zeros_like(static), 0.0, 0.3, 1.0)
     observed = ObservedMotion(tracks, pixels, segmentation, np.ones((4, 4), dtype=bool))
     return Recording("clip", clip, None, hands, (1, 4)), observed

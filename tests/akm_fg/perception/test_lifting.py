@@ -87,7 +87,9 @@ def test_lifted_points_have_honest_covariances(normal: tuple, depth_noise_image)
         frame = frame_of(clean + depth_noise_image(rng, clean, CAMERA.fx))
         true_uv = queries(200, int(rng.integers(1 << 30)))
         uv = true_uv + rng.normal(scale=sigma_px, size=true_uv.shape)
-        tracks = PixelTracks(uv[None], np.ones((1, 200), bool), np.full((1, 200), sigma_px))
+        tracks = PixelTracks(
+            uv[None], np.ones((1, 200), bool), np.full((1, 200, 1, 1), sigma_px**2) * np.eye(2)
+        )
         got = lift(tracks, [frame], NOISE)
         p_cam = CAMERA.back_project(true_uv, plane_depth(true_uv, normal))
         e = got.p_world[0] - [T_WORLD_CAM.transformFrom(p) for p in p_cam]
@@ -99,7 +101,11 @@ def test_lifted_points_have_honest_covariances(normal: tuple, depth_noise_image)
 def test_lost_tracks_stay_lost_and_lengths_must_agree() -> None:
     frame = frame_of(np.ones((240, 320)))
     uv = np.array([[[100.0, 100.0], [np.nan, np.nan]]])
-    tracks = PixelTracks(uv, np.array([[True, False]]), np.array([[0.3, np.nan]]))
+    tracks = PixelTracks(
+        uv,
+        np.array([[True, False]]),
+        np.array([0.09, np.nan])[:, None, None] * np.eye(2)[None, None],
+    )
     got = lift(tracks, [frame], NOISE)
     np.testing.assert_array_equal(got.observed, [[True, False]])
     assert np.isnan(got.cov_world[0, 1]).all()
@@ -111,7 +117,7 @@ def test_pixel_noise_moves_a_point_along_its_surface_never_off_it() -> None:
     normal = (0.6, 0.2, 0.77)
     exact = DepthNoiseModel(disparity_sigma_px=1e-5, floor_m=1e-7)
     uv = queries(50)[None]
-    tracks = PixelTracks(uv, np.ones((1, 50), bool), np.full((1, 50), 0.5))
+    tracks = PixelTracks(uv, np.ones((1, 50), bool), np.full((1, 50, 1, 1), 0.25) * np.eye(2))
     cov = lift(tracks, [frame_of(plane_depth(pixel_grid(), normal))], exact).cov_world[0]
     n = T_WORLD_CAM.rotation().matrix() @ np.array(normal) / np.linalg.norm(normal)
     assert np.sqrt(np.einsum("i,nij,j->n", n, cov, n)).max() < 1e-5

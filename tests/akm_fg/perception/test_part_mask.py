@@ -128,7 +128,7 @@ class Strip:
         cov = np.broadcast_to(1e-6 * np.eye(3), (*p.shape, 3)).copy()
         moving = np.arange(12) >= 6
         segmentation = MotionSegmentation(moving, ~moving, np.zeros(12, bool), 0.0, 0.02, 1.0)
-        pixels = PixelTracks(uv, np.ones((6, 12), bool), np.full((6, 12), 0.1))
+        pixels = PixelTracks(uv, np.ones((6, 12), bool), np.full((6, 12, 1, 1), 0.01) * np.eye(2))
         mask = np.ones(recording.frames[0].depth_m.shape, bool)
         return ObservedMotion(PointTracks(p, cov), pixels, segmentation, mask)
 

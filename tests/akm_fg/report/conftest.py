@@ -96,11 +96,11 @@ def make_tracks(kind: str, states: np.ndarray) -> PartTracks:
     visible = np.ones(uv.shape[:2], bool)
     visible[5:, 3] = False
     uv[~visible] = np.nan
-    sigma = np.where(visible, 0.3, np.nan)
+    cov_px2 = np.where(visible, 0.09, np.nan)[..., None, None] * np.eye(2)
     index = np.arange(60)
     rejected = index % 13 == 0
     moving, static = (index < 40) & ~rejected, (index >= 40) & ~rejected
-    return PartTracks(PixelTracks(uv, visible, sigma), moving, static)
+    return PartTracks(PixelTracks(uv, visible, cov_px2), moving, static)
 
 
 def joint_posterior(kind: str, axis_sd: float = 0.01, pivot_sd: float = 0.004) -> JointPosterior:

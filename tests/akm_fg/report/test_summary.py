@@ -6,7 +6,7 @@ from akm_fg.report.summary import Goal, PartTracks
 
 
 def test_a_track_cannot_both_move_and_rest():
-    pixels = PixelTracks(np.zeros((1, 2, 2)), np.ones((1, 2), bool), np.ones((1, 2)))
+    pixels = PixelTracks(np.zeros((1, 2, 2)), np.ones((1, 2), bool), np.ones((1, 2, 2, 2)))
     with pytest.raises(ValueError, match="both moving and static"):
         PartTracks(pixels, np.array([True, False]), np.array([True, True]))
     with pytest.raises(ValueError, match="moving"):
