@@ -150,6 +150,15 @@ def test_without_a_handle_the_board_stands_over_its_carcass_where_fingers_pinch_
         assert not any((np.abs(at - c) < half).all() for c, half in corpus)
 
 
+@pytest.mark.parametrize("suite", SUITES)
+def test_nothing_stands_beside_the_free_edge_of_a_front_without_handle(suite: str):
+    bare = [spec for spec in find_suite(suite) if spec.handle.style == "edge"]
+    assert len(bare) >= 4
+    for spec in bare:
+        beside = len(spec.columns) if spec.hinge in ("left", "right") else spec.part_at[0] + 1
+        assert beside == 1, spec.name  # alone in its row, or the topmost
+
+
 def _corners(size_m: np.ndarray, T: np.ndarray) -> np.ndarray:
     signs = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)])
     return (signs * size_m / 2.0) @ T[:3, :3].T + T[:3, 3]
