@@ -159,6 +159,17 @@ def test_nothing_stands_beside_the_free_edge_of_a_front_without_handle(suite: st
         assert beside == 1, spec.name  # alone in its row, or the topmost
 
 
+def test_a_sliding_door_opens_away_from_the_column_beside_it():
+    for spec in find_suite("furniture-dev"):
+        if spec.family != "sliding":
+            continue
+        body = make_body(spec)
+        lower, upper = body.front()
+        column = min(body.corpus, key=lambda b: b.T_link_box.y() - b.size_m[1] / 2.0)
+        to_column = column.T_link_box.translation() - (lower + upper) / 2.0
+        assert abs(body.axis[0]) == 1.0 and body.axis @ to_column < 0.0
+
+
 def _corners(size_m: np.ndarray, T: np.ndarray) -> np.ndarray:
     signs = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)])
     return (signs * size_m / 2.0) @ T[:3, :3].T + T[:3, 3]

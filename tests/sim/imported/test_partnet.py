@@ -64,12 +64,14 @@ def test_a_suite_goes_on_without_its_broken_objects_and_says_so(
     (tmp_path / "8" / "mobility.urdf").write_text("<robot")
     mobility_object().write(tmp_path / "9")
     (tmp_path / "9" / "textured_objs" / "bar-3.obj").unlink()
+    mobility_object().write(tmp_path / "10")
+    (tmp_path / "10" / "textured_objs" / "bar-3.obj").write_text("")
     suite = PartnetSuite(tmp_path)
     specs, skipped = suite.sound(0)
     wanted = ["7", "12#joint_0", "12#joint_2"]
     assert [spec.name for spec in specs] == [f"partnet:{tmp_path}/{name}" for name in wanted]
     assert [spec.name for spec in suite] == [spec.name for spec in specs]
-    assert len(skipped) == 2 == len(caplog.records)
+    assert len(skipped) == 3 == len(caplog.records)
     assert "is not XML" in skipped[0].problem and "bar-3.obj is missing" in skipped[1].problem
     assert find_spec(specs[1].name, 0).joint == "joint_0"  # the listed name opens it
 
