@@ -127,8 +127,8 @@ def test_what_is_in_the_way_is_named_where_no_branch_is_clear():
 
 def test_fingers_may_enter_what_is_seen_at_the_grasp_and_the_palm_may_not():
     spread = np.arange(-0.12, 0.13, 0.02)
-    front = np.array([[0.66, 0.1 + y, 0.5 + z] for y in spread for z in spread])
-    handle = np.array([[0.60, 0.1 + y, 0.5] for y in spread])
+    front = np.array([[0.62, 0.1 + y, 0.5 + z] for y in spread for z in spread])
+    handle = np.array([[0.57, 0.1 + y, 0.5] for y in spread])  # as padded voxels show it
     seen = ObstacleMap(np.concatenate([front, handle]), 0.02)
     assert grasp_options(FrankaKinematics(), GRASP, among(seen=seen)).configurations
     overhang = np.array([[0.60 - x, 0.1 + y, 0.5] for x in (0.06, 0.08) for y in spread])
