@@ -17,6 +17,7 @@ from akm_fg.records import FloatArray
 from factors.student_t import covariance_factor
 
 _NEGLIGIBLE = 0.05  # correlations below it do not matter; of few residuals, chance is larger
+_RANKS = 16  # nearest points that are looked at first: most noise errs together with few
 _FREE_NUMBERS = {"prismatic": 3, "revolute": 6}  # of a frame's motion, for a joint to pick from
 _TRACY_WIDOM_99 = 2.02  # quantile of the Tracy-Widom law of order one
 _SOLVER_SHARE = 3e-3  # of the noise variance: what the solver's tolerances leave
@@ -74,14 +75,32 @@ def correlated_points(fit: KindFit, observations: Observations) -> float:
     e = _clipped(fit, observations)
     power = (e * e).sum(axis=(0, 2))
     power = np.maximum(power, _solver_variance(fit, observations) * observed.sum(axis=0))
-    by_point = e.transpose(1, 0, 2).reshape(count, -1)
-    together = by_point @ by_point.T / np.sqrt(np.outer(power, power) + 1e-300)
-    distance = np.linalg.norm(fit.x_joint[:, :, None] - fit.x_joint[:, None, :], axis=0)
-    by_rank = np.take_along_axis(together, np.argsort(distance, axis=1), axis=1).mean(axis=0)
+    unit = e.transpose(1, 0, 2).reshape(count, -1) / np.sqrt(power + 1e-300)[:, None]
+    together, distance2 = unit @ unit.T, _squared_distances(fit.x_joint)
     negligible = max(_NEGLIGIBLE, 3 / np.sqrt(3 * observed.sum()))
-    below = np.flatnonzero(by_rank[1:] <= negligible)
+    for ranks in (_RANKS, count):
+        by_rank = _by_rank(together, distance2, min(ranks, count))
+        below = np.flatnonzero(by_rank[1:] <= negligible)
+        if below.size:
+            break
     last = int(below[0]) if below.size else count - 1
     return 1.0 + float(by_rank[1 : 1 + last].sum())
+
+
+def _squared_distances(x: FloatArray) -> FloatArray:
+    """(N, N) between points (3, N); each is its own nearest."""
+    squares = (x * x).sum(axis=0)
+    distance2: FloatArray = squares[:, None] + squares - 2 * (x.T @ x)
+    np.fill_diagonal(distance2, -1.0)
+    return distance2
+
+
+def _by_rank(together: FloatArray, distance2: FloatArray, ranks: int) -> FloatArray:
+    """Mean over the points of `together` (N, N) with the nearest, second nearest, ..., (ranks,)."""
+    near = np.argpartition(distance2, ranks - 1, axis=1)[:, :ranks]
+    order = np.argsort(np.take_along_axis(distance2, near, axis=1), axis=1)
+    near = np.take_along_axis(near, order, axis=1)
+    return np.asarray(np.take_along_axis(together, near, axis=1).mean(axis=0))
 
 
 def systematic_points(fit: KindFit, problem: FitProblem) -> float:
