@@ -14,6 +14,7 @@ from akm_fg.records import BoolArray, FloatArray, PointTracks
 
 # Below this many common points, or on a line, a frame's rotation says nothing.
 MIN_POINTS = 3
+_LEAST_TURN = 1e-12  # weight of no rotation beside what the points say
 _MIN_SPREAD = 0.3  # of the claimed noise: few points may agree by chance
 
 
@@ -53,9 +54,11 @@ def procrustes(a: FloatArray, b: FloatArray, w: FloatArray) -> tuple[FloatArray,
     total = np.maximum(w.sum(-1), 1e-300)[..., None]
     mean_a = (w[..., None, :] @ a)[..., 0, :] / total
     mean_b = (w[..., None, :] @ b)[..., 0, :] / total
-    # Where one of the two is centred, the other need not be.
     weighted = w[..., None] * (b - mean_b[..., None, :])
-    U, _, Vt = np.linalg.svd(weighted.swapaxes(-1, -2) @ a)
+    cross = weighted.swapaxes(-1, -2) @ (a - mean_a[..., None, :])
+    # Points on a line leave the turn about it open: of all, the least.
+    size = np.abs(cross).max(axis=(-2, -1), keepdims=True)
+    U, _, Vt = np.linalg.svd(cross + _LEAST_TURN * size * np.eye(3))
     U[..., :, 2] *= np.sign(np.linalg.det(U @ Vt))[..., None]
     R = U @ Vt
     return R, mean_b - (R @ mean_a[..., None])[..., 0]

@@ -101,3 +101,11 @@ def test_procrustes_of_mirrored_points_is_still_a_rotation():
     a = np.random.default_rng(0).normal(size=(6, 3))
     R, _ = procrustes(a, a * [1, 1, -1], np.ones(6))
     assert_allclose(np.linalg.det(R), 1.0)
+
+
+def test_procrustes_does_not_turn_a_shifted_line_about_itself():
+    a = np.array([0.3, -0.2, 1.0]) + np.linspace(-0.1, 0.1, 6)[:, None] * np.array([0.1, 0.9, 0.2])
+    for shift in np.random.default_rng(0).normal(size=(20, 3)):
+        R, t = procrustes(a, a + shift, np.ones(6))
+        assert_allclose(R, np.eye(3), atol=1e-6)
+        assert_allclose(t, shift, atol=1e-6)
