@@ -14,7 +14,7 @@ from akm_fg.records import BoolArray, FloatArray, PointTracks
 
 # Below this many common points, or on a line, a frame's rotation says nothing.
 MIN_POINTS = 3
-_LEAST_TURN = 1e-12  # weight of no rotation beside what the points say
+_LINE = 1e-12  # second over first singular value below which points lie on a line
 _MIN_SPREAD = 0.3  # of the claimed noise: few points may agree by chance
 
 
@@ -56,9 +56,13 @@ def procrustes(a: FloatArray, b: FloatArray, w: FloatArray) -> tuple[FloatArray,
     mean_b = (w[..., None, :] @ b)[..., 0, :] / total
     weighted = w[..., None] * (b - mean_b[..., None, :])
     cross = weighted.swapaxes(-1, -2) @ (a - mean_a[..., None, :])
-    # Points on a line leave the turn about it open: of all, the least.
-    size = np.abs(cross).max(axis=(-2, -1), keepdims=True)
-    U, _, Vt = np.linalg.svd(cross + _LEAST_TURN * size * np.eye(3))
+    U, strength, Vt = np.linalg.svd(cross)
+    on_line = strength[..., 1] < _LINE * strength[..., 0]
+    if on_line.any():  # the turn about the line is open: of all, the least
+        least = cross + np.sqrt(_LINE) * strength[..., :1, None] * np.eye(3)
+        again_U, _, again_Vt = np.linalg.svd(least)
+        U = np.where(on_line[..., None, None], again_U, U)
+        Vt = np.where(on_line[..., None, None], again_Vt, Vt)
     U[..., :, 2] *= np.sign(np.linalg.det(U @ Vt))[..., None]
     R = U @ Vt
     return R, mean_b - (R @ mean_a[..., None])[..., 0]
