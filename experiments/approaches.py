@@ -37,6 +37,8 @@ from sim.world import SimWorld
 START_MARGIN_M = 0.03  # of a start from everything
 START_TRIES = 200
 LIMIT_MARGIN_RAD = 0.1  # of a start from the joint limits
+CLOSEST_M = 0.05  # distances are looked for up to here
+CLOSEST_STEPS = 5  # control steps from one look to the next
 NEAR_M = 0.11  # the straight approach is 0.10 m long; from there on fingers may touch
 
 
@@ -49,6 +51,7 @@ class ApproachRow:
     infeasible: str | None  # why the arm did not move
     touched: list[str]  # what but a finger touched what, at any time; a finger before its approach
     blocked: str | None  # why the approach ended early
+    closest_mm: float | None  # anything but the fingers to the object; None beyond `CLOSEST_M`
     off_mm: float | None  # of the hand from the grasp, before the fingers close
     limits_used: dict[str, float] | None  # of what was executed, share of Franka's limits
     see_s: float  # CPU seconds from a frame to the obstacle map
@@ -91,13 +94,15 @@ def _approach(world: SimWorld, arm: SimFranka) -> ApproachRow:
     grasp, touched = world.placement.T_world_grasp, set[str]()
     recorder, infeasible, blocked = arm.record(), None, None
     contacts = _Contacts(world)
-    began, plan_s = time.process_time(), 0.0
+    began, plan_s, closest_m = time.process_time(), 0.0, np.inf
     try:
         for step, _ in enumerate(arm.grasp(grasp, world.config.step_s)):
             plan_s = plan_s if step else time.process_time() - began
             if arm.gripper.squeezing:
                 break
             touched |= contacts.forbidden(arm)
+            if step % CLOSEST_STEPS == 0:
+                closest_m = min(closest_m, contacts.closest_m())
     except MotionInfeasible as error:
         infeasible, plan_s = str(error), time.process_time() - began
     except GraspFailed as error:
@@ -106,8 +111,9 @@ def _approach(world: SimWorld, arm: SimFranka) -> ApproachRow:
     moved = infeasible is None
     usage = dataclasses.asdict(recorder.motion().usage()) if moved else None
     off_mm = 1e3 * float(off_m) if moved else None
+    closest_mm = 1e3 * closest_m if np.isfinite(closest_m) else None
     return ApproachRow(
-        0, "", infeasible, sorted(touched), blocked, off_mm, usage, see_s=0.0, plan_s=plan_s
+        0, "", infeasible, sorted(touched), blocked, closest_mm, off_mm, usage, 0.0, plan_s
     )
 
 
@@ -136,6 +142,16 @@ class _Contacts:
             what = "the object" if body == world.object_id else f"body {body}"
             found.add(f"{'a finger' if finger else f'link {link + 1}'} and {what}")
         return found
+
+    def closest_m(self) -> float:
+        """From the object to anything of the robot but its fingers; infinite beyond `CLOSEST_M`."""
+        near = p.getClosestPoints(
+            self._world.robot_id,
+            self._world.object_id,
+            CLOSEST_M,
+            physicsClientId=self._world.client,
+        )
+        return min((x[8] for x in near if x[3] not in self._fingers), default=np.inf)
 
     def _near(self, arm: SimFranka) -> bool:
         grasp = self._world.placement.T_world_grasp
