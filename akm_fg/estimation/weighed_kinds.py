@@ -31,7 +31,7 @@ from akm_fg.estimation.states import states_of_all_frames
 from akm_fg.records import JointKind
 from factors.gauge import GAUGE_NAMES
 
-_NOT_WORTH_SAMPLING = 1e-3  # probability of a kind
+_NOT_WORTH_SAMPLING = 1e-3  # probability of a kind beside one that is named
 
 
 @dataclass(frozen=True, slots=True)
@@ -86,8 +86,9 @@ def with_sampled_joints(fitted: FittedKinds) -> ArticulationPosterior:
     """The answer with the joints that the data leave vague sampled: see `sampled_posterior`."""
     answer = fitted.posterior
     alternatives = dict(answer.alternatives)
+    least = 0.0 if answer.kind == "undecided" else _NOT_WORTH_SAMPLING
     for fit in fitted.fits:
-        if answer.kind_probability[fit.kind] > _NOT_WORTH_SAMPLING:
+        if answer.kind_probability[fit.kind] > least:
             better = sampled(fit, fitted.problem)
             if better is not fit:
                 alternatives[fit.kind] = _kind_posterior(pointing_forward(better), fitted.problem)
