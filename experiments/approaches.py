@@ -5,8 +5,9 @@
 Each trial: a random object of the suites, closed, a random clear configuration of the arm, a
 random view of the camera; the arm sees one noisy frame, plans, moves and approaches the given
 grasp of the handle. Every control step is checked with PyBullet's own contact points. One row a
-trial in `runs/approaches.jsonl`, written as it ends; about fifteen seconds a trial. Feeds the
-table of docs/decisions/0009-free-motion-and-obstacles.md.
+trial in `runs/approaches.jsonl`, written as it ends; trials that are there already are not run
+again (another seed wants another file). Four seconds of one core a trial. Feeds the table of
+docs/experiments.md.
 """
 
 from __future__ import annotations
@@ -164,6 +165,8 @@ def report(rows: list[ApproachRow]) -> str:
     moved = [row for row in rows if row.infeasible is None]
     clear = [row for row in moved if not row.touched]
     within = [row for row in moved if row.limits_used and _within(row.limits_used)]
+    near = [row.closest_mm for row in moved if row.closest_mm is not None]
+    off = [row.off_mm for row in moved if row.off_mm is not None]
     plans = np.array([row.plan_s for row in rows])
     reasons = Counter(reason(row.infeasible) for row in rows if row.infeasible)
     lines = [
@@ -171,6 +174,10 @@ def report(rows: list[ApproachRow]) -> str:
         f"  nothing touched but by a finger at the handle: {len(clear)}",
         f"  arrived at the handle: {sum(row.blocked is None for row in moved)}",
         f"  inside the published limits: {len(within)}",
+        f"  closest to the object, but for the fingers: {min(near, default=np.nan):.1f} mm, "
+        f"median {np.median(near):.1f} mm",
+        f"  hand from the grasp: {np.median(off):.2f} mm (median), "
+        f"{max(off, default=np.nan):.2f} mm (largest)",
         f"  map {1e3 * np.median([row.see_s for row in rows]):.0f} ms CPU (median), plan "
         f"{np.median(plans):.2f} s (median), {np.quantile(plans, 0.95):.2f} s (95 %)",
     ]
@@ -196,6 +203,14 @@ def reason(infeasible: str | None) -> str:
     return next((words for words in known if words in (infeasible or "")), infeasible or "none")
 
 
+def read_rows(path: Path) -> list[ApproachRow]:
+    """What an earlier run wrote; nothing where there is none."""
+    if not path.exists():
+        return []
+    lines = path.read_text(encoding="utf-8").splitlines()
+    return [ApproachRow(**json.loads(line)) for line in lines]
+
+
 def main(argv: list[str] | None = None) -> int:
     """Run what is missing and report; the exit code is 1 where the arm touched something."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
@@ -205,9 +220,11 @@ def main(argv: list[str] | None = None) -> int:
     parser.add_argument("--out", type=Path, default=Path("runs/approaches.jsonl"))
     arguments = parser.parse_args(argv)
     arguments.out.parent.mkdir(parents=True, exist_ok=True)
-    rows = []
+    rows = read_rows(arguments.out)
+    done = {row.trial for row in rows}
+    trials = range(arguments.first, arguments.first + arguments.trials)
     with arguments.out.open("a", encoding="utf-8") as stream:
-        for trial in range(arguments.first, arguments.first + arguments.trials):
+        for trial in (trial for trial in trials if trial not in done):
             rows.append(run_trial(trial, arguments.seed))
             stream.write(json.dumps(dataclasses.asdict(rows[-1])) + "\n")
             stream.flush()

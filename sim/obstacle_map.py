@@ -132,8 +132,9 @@ def _nearest_surface(frame: RgbdFrame, config: MapConfig) -> NDArray[np.float32]
     if not known.any():
         return np.full(depth.shape, np.inf, dtype=np.float32)
     nearness = np.divide(1.0, depth, out=np.zeros(depth.shape, dtype=np.float32), where=known)
-    smooth = cv2.medianBlur(_bridged(nearness, known), config.median_px)
-    _restore_thin(smooth, nearness, config)
+    smooth = _with_thin_things(
+        cv2.medianBlur(_bridged(nearness, known), config.median_px), nearness, config
+    )
     half_px = 0.5 * config.voxel_m * frame.camera.fx * float(np.median(nearness[known]))
     side = 2 * int(np.ceil(half_px)) + 1
     nearest = cv2.dilate(smooth, np.ones((side, side), dtype=np.uint8))
@@ -141,28 +142,30 @@ def _nearest_surface(frame: RgbdFrame, config: MapConfig) -> NDArray[np.float32]
         return np.asarray(1.0 / nearest, dtype=np.float32)
 
 
-def _restore_thin(
-    smooth: NDArray[np.float32], nearness: NDArray[np.float32], config: MapConfig
-) -> None:
-    """Puts back what the median takes away and is no isolated wrong depth: a handle's bar.
+def _with_thin_things(
+    smooth: NDArray[np.generic], nearness: NDArray[np.float32], config: MapConfig
+) -> NDArray[np.float32]:
+    """What the median takes away and is no isolated wrong depth, put back: a handle's bar.
 
     Of a bar of three pixels the camera loses a third at its edges, and the median sees the front
     behind. A pixel nearer than the median by a voxel counts where enough others in its window are
     as near.
 
     Args:
-        smooth: (H, W) 1 / depth after the median, changed in place.
+        smooth: (H, W) 1 / depth after the median.
         nearness: (H, W) 1 / depth as measured, 0 where unknown.
         config: window, voxel and support.
     """
+    result = np.array(smooth, dtype=np.float32)
     with np.errstate(divide="ignore"):
         depth = 1.0 / nearness
-        v, u = np.nonzero(depth < 1.0 / smooth - config.voxel_m)
+        v, u = np.nonzero(depth < 1.0 / result - config.voxel_m)
     around = np.pad(depth, config.median_px // 2, constant_values=np.inf)
     windows = sliding_window_view(around, (config.median_px, config.median_px))[v, u]
     as_near = windows < depth[v, u, None, None] + config.voxel_m
     there = as_near.sum(axis=(1, 2)) >= config.support_px
-    smooth[v[there], u[there]] = nearness[v[there], u[there]]
+    result[v[there], u[there]] = nearness[v[there], u[there]]
+    return result
 
 
 def _bridged(nearness: NDArray[np.float32], known: BoolArray) -> NDArray[np.float32]:
