@@ -3,7 +3,8 @@
     python -m experiments.oracle_pulls --suite furniture-dev
     python -m experiments.oracle_pulls --suite furniture-116
 
-A test of the simulated arm and hand, never used by the program: the hand takes the handle at the
+A test of the simulated arm and hand, never used by the program: the arm knows the scene's true
+shapes, so that what a camera sees does not matter; the hand takes the handle at the
 grasp that the scene's builder knows (`placement.T_world_grasp`) and either follows the true motion
 of the handle (`arc`) or pulls compliantly along the front's normal as the program does (`pull`). An
 object counts as opened when its part has moved by 10 cm or 20 deg. Writes one JSON row an object
@@ -26,6 +27,7 @@ import numpy as np
 
 from akm_fg.errors import AkmError
 from akm_fg.records import TimedPath
+from experiments.provenance import note_run
 from experiments.statistics import share
 from experiments.tables import markdown, percent
 from sim.bullet import p
@@ -34,6 +36,7 @@ from sim.limits import LimitUsage, MotionRecorder
 from sim.placement import opened
 from sim.slip import SlipGauge
 from sim.suites.catalogue import SUITES
+from sim.true_obstacles import true_obstacles
 
 Way = Literal["arc", "pull"]
 TICK_S = 0.05
@@ -67,6 +70,7 @@ def run_trial(name: str, way: Way, seed: int = 0) -> PullRow:
     """Grasp one object's handle and open it."""
     began = time.process_time()
     with open_world(name, seed, "clean") as episode:
+        episode.arm.know(true_obstacles(episode.world))
         trial = _Trial(episode)
         failure = trial.run(way)
         spec, state = episode.world.spec, episode.world.part_state()
@@ -213,6 +217,7 @@ def main() -> None:
     parser.add_argument("--limit", type=int, help="stop after so many new trials")
     parser.add_argument("--out", type=Path, default=Path("runs/oracle-pulls"))
     arguments = parser.parse_args()
+    note_run(arguments.out)
     file = arguments.out / f"{arguments.suite}.jsonl"
     done = {(row.name, row.way) for row in read_rows(file)}
     numbered = sorted(SUITES[arguments.suite].names(), key=lambda name: name[-3:])

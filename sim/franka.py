@@ -10,6 +10,7 @@ import numpy as np
 
 from akm_fg.errors import GraspFailed, MotionInfeasible
 from akm_fg.records import FloatArray, RgbdFrame, TimedPath
+from sim.collision import Obstacle
 from sim.drive import ArmDrive
 from sim.free_motion import PlanConfig, RrtConnectPlanner, timed_motion
 from sim.gripper import GripperConfig, SimGripper
@@ -56,7 +57,7 @@ class FrankaConfig:
     guarded_m: float = 0.015  # the last stretch of it, where something may be touched early
     guarded_m_s: float = 0.012  # there: an impact stays within the joints' accelerations
     arrival_m: float = 0.008  # farther than this from the grasp pose: something was in the way
-    close_max_s: float = 4.0  # 40 mm at 20 mm/s, and time to squeeze
+    close_max_s: float = 4.5  # 40 mm at 15 mm/s, and time to squeeze
     squeeze_s: float = 0.1  # at full force, before the hand is taken to hold
     open_s: float = 0.9  # 40 mm at 50 mm/s, and a little
     settle_s: float = 0.3  # at the end of a straight line
@@ -76,6 +77,7 @@ class SimFranka:
         self._q_rest = Q_HOME.copy()
         self._floor_m = world.placement.floor_m  # as it was set up
         self._seen: ObstacleMap | None = None
+        self._modelled: tuple[Obstacle, ...] = ()
 
     def see(self, frame: RgbdFrame) -> None:
         """Keep clear, from now on, of what this frame shows and of what it cannot show behind it.
@@ -85,6 +87,10 @@ class SimFranka:
         """
         q = self.measured_joints()[0]
         self._seen = map_from_frame(frame, q, self._floor_m, self.config.obstacles)
+
+    def know(self, obstacles: Sequence[Obstacle]) -> None:
+        """Keep clear, from now on, of things whose shape and place are known beforehand."""
+        self._modelled = tuple(obstacles)
 
     def record(self) -> MotionRecorder:
         """From now on every executed control step goes into the recorder that is returned."""
@@ -179,7 +185,8 @@ class SimFranka:
             MotionInfeasible: there are none.
         """
         reach = self.config.reach
-        around = surroundings(own_surroundings(self._floor_m), self._seen, T_world_grasp, reach)
+        own = own_surroundings(self._floor_m)
+        around = surroundings(own, self._seen, T_world_grasp, reach, self._modelled)
         options = grasp_options(self._kinematics, T_world_grasp, around, reach)
         where = f"the grasp at {np.round(T_world_grasp.translation(), 3)} m"
         if not options.reachable:

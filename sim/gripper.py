@@ -14,7 +14,7 @@ class GripperConfig:
 
     force_n: float = 70.0  # continuous grasping force (Franka hand data sheet)
     open_m_s: float = 0.05  # of each finger, the hand's largest
-    close_m_s: float = 0.02  # slower, so that touching jerks the arm less than its limit
+    close_m_s: float = 0.015  # slower, so that touching jerks the arm less than its limit
     open_m: float = 0.04  # travel of each finger
     nothing_m: float = 0.004  # opening below which the fingers have met
     seek_n: float = 3.0  # of each finger until both stand: touching with more jerks the arm

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import gtsam
@@ -62,6 +62,7 @@ def surroundings(
     seen: ObstacleMap | None,
     T_world_grasp: gtsam.Pose3,
     config: ReachConfig,
+    modelled: Sequence[Obstacle] = (),
 ) -> Surroundings:
     """The arm among obstacles, for the way to a grasp.
 
@@ -70,15 +71,17 @@ def surroundings(
         seen: what a camera saw; None where none has looked.
         T_world_grasp: where the hand will close.
         config: margins.
+        modelled: of exactly known shape and place; on the approach the hand may come near them.
     """
     room = GraspRoom(T_world_grasp, config.room_radius_m, config.room_ahead_m)
     whole = seen.obstacle() if seen else None
     rest = seen.obstacle(room) if seen else None
     for_arm = [] if whole is None else [_spared(whole, (HAND, *FINGERS))]
     for_hand = [] if rest is None else [_spared(rest, FINGERS)]
+    near = [_spared(obstacle, (HAND, *FINGERS)) for obstacle in modelled]
     return Surroundings(
-        ArmCollisions([*known, *([whole] if whole else [])], config.margin_m),
-        ArmCollisions([*known, *for_arm, *for_hand], config.margin_m),
+        ArmCollisions([*known, *modelled, *([whole] if whole else [])], config.margin_m),
+        ArmCollisions([*known, *near, *for_arm, *for_hand], config.margin_m),
     )
 
 

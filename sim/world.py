@@ -13,7 +13,7 @@ import gtsam
 import numpy as np
 
 from akm_fg.records import JointTruth
-from sim.bullet import joint_index, load_urdf, p, quaternion_xyzw, quiet
+from sim.bullet import connect, joint_index, load_urdf, p, quaternion_xyzw
 from sim.imported.imported_spec import ImportOptions
 from sim.kinematics import N_ARM, Q_HOME, FrankaKinematics
 from sim.mechanisms import resistance
@@ -34,6 +34,10 @@ class WorldConfig:
     solver_iterations: int = 60  # friction of a squeezed handle converges by then
     finger_mu: float = 1.0  # rubber pads on metal or lacquer
     finger_spin_m: float = 0.005  # torsional friction, 2/3 mu r of a pad of 8 mm radius
+    # Of each contact point of a pad, stiff and damped enough that the force hardly jumps when the
+    # number of points changes: the URDF's 3e4 N/m and 1e3 N s/m press pads in by 2.4 mm and do.
+    pad_stiffness_n_m: float = 1e6
+    pad_damping_n_s_m: float = 5e3
 
 
 ROOM_CELL_M = 1.5  # side of a cell of floor and walls
@@ -76,12 +80,15 @@ class SimWorld:
         folder = Path(self._folder.name)
         self.built, self.placement = stage(self.spec, self.kinematics)
         files = self.built.urdf.parent
-        with quiet():
-            self.client = int(p.connect(p.DIRECT))
+        self.client = connect()
         self._entered = True
         self._set_physics()
         self.robot_id = load_urdf(
-            self.client, light_panda_urdf(), gtsam.Pose3(), p.URDF_USE_INERTIA_FROM_FILE
+            self.client,
+            light_panda_urdf(),
+            gtsam.Pose3(),
+            p.URDF_USE_INERTIA_FROM_FILE,
+            keep_files=True,
         )
         self._set_up_robot()
         T_world_object = self.placement.T_world_object
@@ -261,5 +268,7 @@ class SimWorld:
                 spinningFriction=self.config.finger_spin_m,
                 rollingFriction=0.0,
                 frictionAnchor=1,
+                contactStiffness=self.config.pad_stiffness_n_m,
+                contactDamping=self.config.pad_damping_n_s_m,
                 physicsClientId=self.client,
             )

@@ -52,18 +52,11 @@ def run_grasp(episode: SimEpisode, recorder: MotionRecorder, T_world_grasp: gtsa
     return range(start, len(recorder))
 
 
-def check_limits(recorder: MotionRecorder, closing: range) -> None:
-    """All of Franka's limits over all executed samples.
-
-    While the fingers close on the handle, rigid bodies meet and speeds change within one step of
-    the physics: there the limits hold behind libfranka's own low-pass, elsewhere as sampled.
-    """
+def check_limits(recorder: MotionRecorder) -> None:
+    """All of Franka's limits over all executed samples, as they were sampled."""
     whole = recorder.motion().usage()
     assert whole.position_margin_rad > 0.0
-    assert max(whole.velocity, whole.torque, whole.torque_rate) <= 1.0 + 1e-6
-    assert recorder.motion().filtered().usage().within
-    assert recorder.motion(0, closing.start).usage().within
-    assert recorder.motion(closing.stop).usage().within
+    assert whole.within, whole
 
 
 @pytest.mark.parametrize(
@@ -89,7 +82,7 @@ def test_grasp_and_pull_open_the_part_by_friction_and_follow_takes_it_back(
         slip = gauge.slip(arm.T_world_gripper())
         assert slip.translation_m < 0.003 and slip.rotation_rad < 0.1
         assert len(recorder) == round(world.time_s / world.config.step_s)
-        check_limits(recorder, closing)
+        check_limits(recorder)
         assert only_gear_constraints(episode)
 
 
@@ -99,12 +92,12 @@ def test_grasp_and_pull_open_the_part_by_friction_and_follow_takes_it_back(
 def test_whole_episodes_are_executed_within_the_arms_limits(name: str, seed: int):
     with open_world(name, seed, noise="clean") as episode:
         arm, recorder = episode.arm, episode.arm.record()
-        closing = run_grasp(episode, recorder, episode.T_world_grasp)
+        run(arm.grasp(episode.T_world_grasp, TICK_S))
         run(arm.pull(episode.pull_direction_world, 0.15, TICK_S))
         opened_by = episode.world.part_state()
         assert opened_by > (0.12 if name == "drawer" else np.deg2rad(15))
         run(arm.follow(arc(episode, 0.4 * opened_by, 3.0), TICK_S))
-        check_limits(recorder, closing)
+        check_limits(recorder)
 
 
 def only_gear_constraints(episode: SimEpisode) -> bool:

@@ -136,3 +136,16 @@ def test_fingers_may_enter_what_is_seen_at_the_grasp_and_the_palm_may_not():
     options = grasp_options(FrankaKinematics(), GRASP, among(seen=blocked))
     assert not options.configurations
     assert options.touched is not None and options.touched.endswith("what the camera sees")
+
+
+def test_the_hand_may_come_near_to_modelled_furniture_in_the_approach_alone():
+    """A strip before the palm, nearer to it than the margin; a lamp stays in the elbow's way."""
+    strip = box("a board", [0.01, 0.4, 0.02], GRASP.translation() - [0.03, 0.0, 0.0])
+    modelled = surroundings([], None, GRASP, ReachConfig(), [strip])
+    choice = choose_grasp_configuration(FrankaKinematics(), GRASP)
+    assert choice is not None
+    touched = modelled.free_motion.touched(choice.q_grasp)
+    assert touched is not None and "a board" in touched
+    assert modelled.approach.touched(choice.q_grasp) is None
+    elbow = box("a lamp", [0.1, 0.1, 0.1], np.array([0.25, 0.0, 0.55]))
+    assert surroundings([], None, GRASP, ReachConfig(), [elbow]).approach.touched(Q_HOME)

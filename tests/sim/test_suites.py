@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -9,13 +10,17 @@ import pytest
 
 from akm_fg.errors import InputError
 from sim.bullet import p
+from sim.collision import FINGERS, ArmCollisions
 from sim.episode import open_world
+from sim.franka import FrankaConfig
+from sim.reaching import ReachConfig, choose_grasp_configuration
 from sim.suites.catalogue import SUITES, find_suite, load_spec
 from sim.suites.finishes import textures
 from sim.suites.furniture_body import make_body
 from sim.suites.furniture_build import build_furniture
 from sim.suites.furniture_spec import DRAWER_BACK_M, RANGE_MIN_M, SLIDING_DOOR
 from sim.suites.handles import edge_strip, handle_boxes, handle_pose
+from sim.true_obstacles import true_obstacles
 from sim.world import SimWorld
 
 ALL = [spec.name for suite in SUITES.values() for spec in suite]
@@ -242,3 +247,15 @@ def test_a_bad_name_gets_one_clear_line(name: str, told: str):
     with pytest.raises(InputError, match=told) as caught, open_world(name):
         pass
     assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize("seed", [0, 2])
+def test_the_palm_stays_clear_of_the_board_whose_edge_is_pinched(seed: int):
+    """By as much as the hand may be off when it arrives: `arrival_m`."""
+    with SimWorld("furniture-dev/door-014", seed) as world:
+        boards = [replace(shape, spared=FINGERS) for shape in true_obstacles(world)]
+        choice = choose_grasp_configuration(
+            world.kinematics, world.placement.T_world_grasp, ReachConfig(starts=4)
+        )
+        assert choice is not None
+        assert ArmCollisions(boards, FrankaConfig().arrival_m).touched(choice.q_grasp) is None
