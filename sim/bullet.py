@@ -45,12 +45,38 @@ p: Any = pybullet
 PANDA_URDF = Path(pybullet_data.getDataPath()) / "franka_panda" / "panda.urdf"
 
 
-def load_urdf(client: int, path: Path, T_world_base: gtsam.Pose3, flags: int = 0) -> int:
+def connect() -> int:
+    """A client of its own, without a display.
+
+    PyBullet would keep every mesh and texture it reads until the process ends, 25 MB an object;
+    only the robot's are worth it (`load_urdf`).
+    """
+    with quiet():
+        client = int(p.connect(p.DIRECT))
+    p.setPhysicsEngineParameter(enableFileCaching=0, physicsClientId=client)
+    return client
+
+
+def load_urdf(
+    client: int,
+    path: Path,
+    T_world_base: gtsam.Pose3,
+    flags: int = 0,
+    keep_files: bool = False,
+) -> int:
     """Loads a URDF with its base fixed and the default joint motors off; returns the body id.
+
+    Args:
+        client: where to.
+        path: of the URDF.
+        T_world_base: where it stands.
+        flags: PyBullet's, beside colours from materials.
+        keep_files: whether PyBullet may keep what it reads: of bodies that are loaded again.
 
     Raises:
         pybullet.error: the file cannot be loaded.
     """
+    p.setPhysicsEngineParameter(enableFileCaching=int(keep_files), physicsClientId=client)
     with quiet():
         body = p.loadURDF(
             str(path),
@@ -60,6 +86,7 @@ def load_urdf(client: int, path: Path, T_world_base: gtsam.Pose3, flags: int = 0
             flags=flags | p.URDF_USE_MATERIAL_COLORS_FROM_MTL,
             physicsClientId=client,
         )
+    p.setPhysicsEngineParameter(enableFileCaching=0, physicsClientId=client)
     for joint in range(p.getNumJoints(body, physicsClientId=client)):
         kind = p.getJointInfo(body, joint, physicsClientId=client)[2]
         if kind in (p.JOINT_REVOLUTE, p.JOINT_PRISMATIC):

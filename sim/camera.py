@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from akm_fg.records import RgbdFrame
-from sim.bullet import PANDA_URDF, load_urdf, p, quiet
+from sim.bullet import PANDA_URDF, connect, load_urdf, p
 from sim.materials import MATT, specular_of
 from sim.mirror import Shape, bodies_of, poses_of, shapes_of
 from sim.noise import NOISE_LEVELS, NoiseConfig, Surface
@@ -80,7 +80,7 @@ def _load_robot_outline(client: int) -> int:
     with tempfile.TemporaryDirectory(prefix="akm-fg-sim-") as scratch:
         path = Path(scratch) / "outline.urdf"
         path.write_text(text, encoding="utf-8")
-        return load_urdf(client, path, gtsam.Pose3())
+        return load_urdf(client, path, gtsam.Pose3(), keep_files=True)
 
 
 NO_SHAPES = np.array([MATT], dtype=np.float32)
@@ -114,8 +114,7 @@ class SimCamera:
         self.intrinsics = rendered_intrinsics(c.width, c.height, c.focal_px, name)
         self._world = world
         self._sensor = NoisySensor(c.noise, self.intrinsics, np.random.default_rng([seed, 11]))
-        with quiet():
-            self._robot_client = int(p.connect(p.DIRECT))
+        self._robot_client = connect()
         self._robot = _load_robot_outline(self._robot_client)
         self._shot = c.shot(T_world_cam, name)
         self._scene = open_scene(self.renderer)
@@ -181,8 +180,7 @@ class SimCamera:
 
     def _draw_still(self) -> tuple[Surface, DepthImage]:
         """What never moves: room, supports and corpus."""
-        with quiet():
-            client = int(p.connect(p.DIRECT))
+        client = connect()
         try:
             bodies = [load_urdf(client, urdf, T) for urdf, T in self._world.still]
             shapes = shapes_of(client, bodies)

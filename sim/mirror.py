@@ -14,7 +14,7 @@ from typing import Protocol
 
 import numpy as np
 
-from sim.bullet import p, quiet
+from sim.bullet import connect, p, quiet
 from sim.pictures import Picture, Renderer, Shot, take
 
 # The EGL plugin draws a new scene without its shadows this many times.
@@ -103,8 +103,7 @@ class LocalScene:
             RuntimeError: the plugin does not load.
         """
         self.renderer: Renderer = renderer
-        with quiet():
-            self._client = int(p.connect(p.DIRECT))
+        self._client = connect()
         if plugin is not None:
             loaded = p.loadPlugin(plugin, "_eglRendererPlugin", physicsClientId=self._client)
             if loaded < 0:
