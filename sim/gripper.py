@@ -17,7 +17,7 @@ class GripperConfig:
     close_m_s: float = 0.015  # slower, so that touching jerks the arm less than its limit
     open_m: float = 0.04  # travel of each finger
     nothing_m: float = 0.004  # opening below which the fingers have met
-    seek_n: float = 3.0  # of each finger until both stand: touching with more jerks the arm
+    seek_n: float = 1.5  # of each finger until both stand: touching with more jerks the arm
     ramp_n_s: float = 100.0  # from there to the full force
     touch_m_s: float = 0.002  # a slower finger stands
     touch_s: float = 0.03  # for this long
