@@ -86,6 +86,13 @@ def test_grasp_and_pull_open_the_part_by_friction_and_follow_takes_it_back(
         assert only_gear_constraints(episode)
 
 
+def test_squeezing_a_board_stays_within_the_limits_while_contact_points_come_and_go():
+    with open_world("furniture-dev/drawer-018", seed=0, noise="clean") as episode:
+        recorder = episode.arm.record()
+        run(episode.arm.grasp(episode.T_world_grasp, TICK_S))
+        check_limits(recorder)
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["drawer", "door"])
 @pytest.mark.parametrize("seed", range(1, 6))
