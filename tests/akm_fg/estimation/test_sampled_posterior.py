@@ -1,6 +1,5 @@
 """Vague joints: their coordinates, the samples' moments, and whether these tell the truth."""
 
-
 import gtsam
 import numpy as np
 import pytest
