@@ -59,7 +59,7 @@ experiments: $(READY) peer
 	$(BIN)/python -m experiments.accuracy_grid --part table --method graph --runs 200
 	$(BIN)/python -m experiments.accuracy_grid --part table --method paper --runs 48
 	$(BIN)/python -m experiments.accuracy_grid --part table --method peer --runs 48
-	$(BIN)/python -m experiments.accuracy_grid --part grid --method graph --runs 20
+	$(BIN)/python -m experiments.accuracy_grid --part grid --method graph --runs 40
 	$(BIN)/python -m experiments.kind_against_travel --runs 100
 	$(BIN)/python -m experiments.kind_against_travel --method paper --runs 20
 	-$(BIN)/python -m experiments.rendered_recordings --suite furniture-116 --out runs/recordings
