@@ -17,7 +17,9 @@ from dataclasses import dataclass
 import gtsam
 import numpy as np
 
+from akm_fg.estimation.initial_guess import JointGuess
 from akm_fg.estimation.laplace import KindFit
+from akm_fg.estimation.motion_fit import JOINT_COORDINATES, nearest_origin
 from akm_fg.records import FloatArray
 from factors.joint_motion import skew
 
@@ -42,16 +44,14 @@ class Joints:
     def motions(self, arcs: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Rotations (S, T, 3, 3) and translations (S, T, 3) of the part at arcs (S, T), metres.
 
-        Rodrigues' formula about an axis that does not go through the origin.
+        About an axis that does not go through the origin.
         """
         if not self.turns:
             return np.broadcast_to(np.eye(3), (*arcs.shape, 3, 3)), arcs[..., None] * self.axis[
                 :, None
             ]
         q = arcs / self.distance[:, None]
-        K = skew(self.axis)[:, None]
-        sine, versine = np.sin(q)[..., None, None], (1 - np.cos(q))[..., None, None]
-        R = np.eye(3) + sine * K + versine * (K @ K)
+        R = _turns(self.axis, q)
         t = self.point[:, None] - np.einsum("stij,sj->sti", R, self.point)
         return R, t + (self.pitch[:, None] * q)[..., None] * self.axis[:, None]
 
@@ -70,15 +70,9 @@ class JointChart:
     def at(cls, fit: KindFit, centroid_world: FloatArray) -> JointChart:
         """At a solved joint."""
         assert fit.T_world_joint is not None
-        R = fit.T_world_joint[:3, :3].copy()
-        if fit.kind == "prismatic":
-            return cls(fit.kind, R, centroid_world, 1.0, 0.0)
-        z, away = R[:, 2], fit.T_world_joint[:3, 3] - centroid_world
-        away = away - z * (z @ away)
-        distance = max(float(np.linalg.norm(away)), 1e-6)
-        R[:, 0] = away / distance
-        R[:, 1] = np.cross(z, R[:, 0])
-        return cls(fit.kind, R, centroid_world, distance, fit.pitch)
+        guess = JointGuess(fit.kind, fit.T_world_joint, fit.q, fit.pitch)
+        T, distance = nearest_origin(guess, centroid_world)
+        return cls(fit.kind, T[:3, :3], centroid_world, distance, fit.pitch)
 
     @property
     def turns(self) -> bool:
@@ -88,7 +82,7 @@ class JointChart:
     @property
     def size(self) -> int:
         """Number of coordinates."""
-        return {"prismatic": 2, "revolute": 4, "helical": 5}[self.kind]
+        return JOINT_COORDINATES[self.kind]
 
     def covariance(self, fit: KindFit) -> FloatArray:
         """The fit's own covariance in these coordinates, (k, k)."""
@@ -133,7 +127,13 @@ class JointChart:
 def _tilts(tilt: FloatArray) -> FloatArray:
     """Rotations (S, 3, 3) about axes across z, rotation vectors (S, 2)."""
     angle = np.linalg.norm(tilt, axis=1)
-    safe = np.maximum(angle, 1e-12)
-    K = skew(np.pad(tilt / safe[:, None], ((0, 0), (0, 1))))
-    sine, versine = np.sin(angle)[:, None, None], (1 - np.cos(angle))[:, None, None]
-    return np.eye(3) + sine * K + versine * (K @ K)
+    axis = np.pad(tilt / np.maximum(angle, 1e-12)[:, None], ((0, 0), (0, 1)))
+    return _turns(axis, angle[:, None])[:, 0]
+
+
+def _turns(axis: FloatArray, angle: FloatArray) -> FloatArray:
+    """Rotations (S, T, 3, 3) about unit axes (S, 3) by angles (S, T): Rodrigues' formula."""
+    K = skew(axis)[:, None]
+    sine, versine = np.sin(angle)[..., None, None], (1 - np.cos(angle))[..., None, None]
+    turns: FloatArray = np.eye(3) + sine * K + versine * (K @ K)
+    return turns

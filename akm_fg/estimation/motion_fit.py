@@ -30,7 +30,7 @@ _TOLERANCE = 0.02  # nats gained by a step that is the last
 _RELATIVE_TOLERANCE = 1e-3  # of a cost that no joint of this kind will bring down
 _MAX_DAMPING = 1e6
 _MAX_LOG_STEP = 1.5  # of the hinge distance in one step
-_JOINT_COORDINATES = {"prismatic": 2, "revolute": 4, "helical": 5}
+JOINT_COORDINATES = {"prismatic": 2, "revolute": 4, "helical": 5}
 
 
 @dataclass(frozen=True, slots=True)
@@ -85,7 +85,7 @@ def evaluate(
     guess: JointGuess, motions: MotionInformation, centroid_world: FloatArray, prior: PriorConfig
 ) -> MotionFit:
     """What a guess costs; arguments as of `fit_to_motions`."""
-    T, rho = _nearest_origin(guess, centroid_world)
+    T, rho = nearest_origin(guess, centroid_world)
     guess = JointGuess(guess.kind, T, guess.q, guess.pitch)
     R, t = part_motion(guess.kind, T, guess.q, guess.pitch)
     R_free_t = motions.R_world.transpose(0, 2, 1)
@@ -128,7 +128,7 @@ def bent_drawer(
     return JointGuess("revolute", joint_frame(n, hinge), s / rho)
 
 
-def _nearest_origin(guess: JointGuess, centroid_world: FloatArray) -> tuple[FloatArray, float]:
+def nearest_origin(guess: JointGuess, centroid_world: FloatArray) -> tuple[FloatArray, float]:
     """T_world_joint (4, 4) with its origin on the axis nearest to the centroid, and the distance.
 
     x points away from the centroid. Of a prismatic joint: the centroid itself, and 1.
@@ -157,7 +157,7 @@ def _normal_equations(
     by_xi, by_state, by_pitch = motion_jacobians(
         guess.kind, guess.T_world_joint, guess.q, guess.pitch
     )
-    J = np.empty((T, 6, _JOINT_COORDINATES[guess.kind]))
+    J = np.empty((T, 6, JOINT_COORDINATES[guess.kind]))
     J[:, :, :2] = by_xi[:, :, :2]
     if hinged:  # x points away from the part, y across; the arcs are held
         J[:, :, 2] = rho * by_xi[:, :, 3] - guess.q[:, None] * by_state
@@ -203,7 +203,7 @@ def _stepped(fit: MotionFit, step: FloatArray) -> JointGuess:
     """The guess moved by a step over the coordinates of `_normal_equations`."""
     guess, rho = fit.guess, fit.rho
     T = guess.T_world_joint.copy()
-    arcs, new_rho = step[_JOINT_COORDINATES[guess.kind] :], rho
+    arcs, new_rho = step[JOINT_COORDINATES[guess.kind] :], rho
     if guess.kind != "prismatic":
         new_rho = rho * math.exp(min(max(float(step[2]), -_MAX_LOG_STEP), _MAX_LOG_STEP))
         bearing = float(step[3])

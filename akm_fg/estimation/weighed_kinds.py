@@ -15,6 +15,7 @@ from akm_fg.estimation.evidence import (
     rest_is_shown,
     temper,
 )
+from akm_fg.estimation.initial_guess import TURN_ABOUT_X
 from akm_fg.estimation.knowledge import passed_limits
 from akm_fg.estimation.laplace import KindFit
 from akm_fg.estimation.posterior import (
@@ -100,20 +101,18 @@ def pointing_forward(fit: KindFit) -> KindFit:
     if fit.T_world_joint is None or fit.q.mean() >= 0:
         return fit
     T = fit.T_world_joint.copy()
-    T[:3, :3] = T[:3, :3] @ np.diag([1.0, -1.0, -1.0])  # half a turn about x of the joint
-    turned = np.array([1.0, -1.0, -1.0, 1.0, -1.0, -1.0])
+    T[:3, :3] *= TURN_ABOUT_X
+    turned = np.tile(TURN_ABOUT_X, 2)
     signs = np.ones(fit.cov.shape[0])
     signs[: len(fit.joint_directions)] = turned[list(fit.joint_directions)]
     signs[-(fit.q.size - 1) :] = -1
-    x_joint = fit.x_joint * np.array([1.0, -1.0, -1.0])[:, None]
-    residual = fit.residual_joint * np.array([1.0, -1.0, -1.0])
     return replace(
         fit,
         T_world_joint=T,
         q=-fit.q,
         cov=fit.cov * np.outer(signs, signs),
-        x_joint=x_joint,
-        residual_joint=residual,
+        x_joint=fit.x_joint * TURN_ABOUT_X[:, None],
+        residual_joint=fit.residual_joint * TURN_ABOUT_X,
     )
 
 
