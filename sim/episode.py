@@ -10,7 +10,8 @@ import gtsam
 
 from akm_fg.records import FloatArray, JointTruth
 from sim.camera import CameraConfig, SimCamera
-from sim.franka import FrankaConfig, SimFranka
+from sim.franka import SimFranka
+from sim.franka_config import FrankaConfig
 from sim.imported.imported_spec import ImportOptions
 from sim.noise import NOISE_LEVELS
 from sim.views import ViewConfig, camera_pose

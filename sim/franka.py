@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Generator, Iterator, Sequence
 
 import gtsam
 import numpy as np
@@ -12,55 +11,27 @@ from akm_fg.errors import GraspFailed, MotionInfeasible
 from akm_fg.records import FloatArray, RgbdFrame, TimedPath
 from sim.collision import Obstacle
 from sim.drive import ArmDrive
-from sim.free_motion import PlanConfig, RrtConnectPlanner, timed_motion
-from sim.gripper import GripperConfig, SimGripper
+from sim.franka_config import FrankaConfig
+from sim.free_motion import RrtConnectPlanner, timed_motion
+from sim.gripper import SimGripper
 from sim.impedance import (
-    ImpedanceConfig,
-    JointImpedanceConfig,
     cartesian_torques,
     joint_impedance,
 )
-from sim.joint_path import TimeLawConfig
 from sim.kinematics import N_ARM, Q_HOME, pose_error
 from sim.limits import MotionRecorder
-from sim.obstacle_map import MapConfig, ObstacleMap, map_from_frame, own_surroundings
-from sim.pulling import Pull, PullConfig
+from sim.pulling import Pull
 from sim.reaching import (
     GraspConfiguration,
     GraspOptions,
-    ReachConfig,
-    Surroundings,
     grasp_options,
     line_motion,
     standoff,
-    surroundings,
 )
 from sim.reference import pose_reference, within_joint_limits
-from sim.tracking import PathTracker, TrackConfig
+from sim.surroundings import KnownScene, Surroundings
+from sim.tracking import PathTracker
 from sim.world import SimWorld
-
-
-@dataclass(frozen=True, slots=True)
-class FrankaConfig:
-    """All settings of the arm."""
-
-    reach: ReachConfig = field(default_factory=ReachConfig)
-    obstacles: MapConfig = field(default_factory=MapConfig)
-    plan: PlanConfig = field(default_factory=PlanConfig)
-    time_law: TimeLawConfig = field(default_factory=TimeLawConfig)
-    joints: JointImpedanceConfig = field(default_factory=JointImpedanceConfig)
-    impedance: ImpedanceConfig = field(default_factory=ImpedanceConfig)
-    pull: PullConfig = field(default_factory=PullConfig)
-    track: TrackConfig = field(default_factory=TrackConfig)
-    gripper: GripperConfig = field(default_factory=GripperConfig)
-    approach_m_s: float = 0.08  # straight, before contact
-    guarded_m: float = 0.015  # the last stretch of it, where something may be touched early
-    guarded_m_s: float = 0.012  # there: an impact stays within the joints' accelerations
-    arrival_m: float = 0.008  # farther than this from the grasp pose: something was in the way
-    close_max_s: float = 4.5  # 40 mm at 15 mm/s, and time to squeeze
-    squeeze_s: float = 0.1  # at full force, before the hand is taken to hold
-    open_s: float = 0.9  # 40 mm at 50 mm/s, and a little
-    settle_s: float = 0.3  # at the end of a straight line
 
 
 class SimFranka:
@@ -75,9 +46,7 @@ class SimFranka:
         self.gripper = SimGripper(world, self.config.gripper)
         self._drive = ArmDrive(world, self.gripper)
         self._q_rest = Q_HOME.copy()
-        self._floor_m = world.placement.floor_m  # as it was set up
-        self._seen: ObstacleMap | None = None
-        self._modelled: tuple[Obstacle, ...] = ()
+        self._scene = KnownScene(world.placement.floor_m, self.config.around)
 
     def see(self, frame: RgbdFrame) -> None:
         """Keep clear, from now on, of what this frame shows and of what it cannot show behind it.
@@ -85,12 +54,11 @@ class SimFranka:
         The frame is of this moment, the robot's own pixels carry no depth. Without any frame the
         arm knows the floor and its own pedestal.
         """
-        q = self.measured_joints()[0]
-        self._seen = map_from_frame(frame, q, self._floor_m, self.config.obstacles)
+        self._scene.see(frame, self.measured_joints()[0])
 
     def know(self, obstacles: Sequence[Obstacle]) -> None:
         """Keep clear, from now on, of things whose shape and place are known beforehand."""
-        self._modelled = tuple(obstacles)
+        self._scene.know(obstacles)
 
     def record(self) -> MotionRecorder:
         """From now on every executed control step goes into the recorder that is returned."""
@@ -115,18 +83,18 @@ class SimFranka:
 
         Raises:
             MotionInfeasible: the pose cannot be reached, or not without touching something.
-            GraspFailed: the approach was blocked, or the fingers met with nothing between them.
+            GraspFailed: the arm met something on its way, the approach was blocked, or the fingers
+                met with nothing between them.
         """
         around, options = self._options(T_world_grasp)
         yield from self._drive.execute(self._release(), tick_s)
-        motion = self._free_motion(options.configurations, around)
+        motion = self._reach(T_world_grasp, options.configurations, around)
         yield from self._drive.execute(motion, tick_s)
-        yield from self._drive.execute(self._approach(T_world_grasp), tick_s)
         off_m = float(
             np.linalg.norm(self.T_world_gripper().translation() - T_world_grasp.translation())
         )
         if off_m > self.config.arrival_m:
-            raise GraspFailed(f"the approach was blocked {1e3 * off_m:.0f} mm before the grasp")
+            raise GraspFailed(_blocked(off_m))
         yield from self._drive.execute(self._close(T_world_grasp), tick_s)
         if not self.holding():
             raise GraspFailed("the fingers met with nothing between them")
@@ -162,10 +130,11 @@ class SimFranka:
 
     def _cartesian(
         self, T_wanted: FloatArray, speed: FloatArray, sideways_n_m: float | None = None
-    ) -> FloatArray:
+    ) -> tuple[FloatArray, FloatArray]:
         """Torques of the stiff Cartesian impedance towards a pose moving at `speed` (6,).
 
-        `sideways_n_m` replaces the stiffness along the fingers' opening.
+        `sideways_n_m` replaces the stiffness along the fingers' opening. Second comes what the
+        hand lacks of the pose (6,), m and rad, world axes.
         """
         c = self.config.impedance
         q, dq, T, J, balance = self._sense()
@@ -176,7 +145,7 @@ class SimFranka:
             force -= (c.stiffness_n_m - sideways_n_m) * (y @ error[:3]) * y
         moment = c.stiffness_rot * error[3:] + c.damping_rot * (speed[3:] - twist[3:])
         wrench = np.concatenate([force, moment])
-        return cartesian_torques(wrench, J, q, dq, self._q_rest, balance, c)
+        return cartesian_torques(wrench, J, q, dq, self._q_rest, balance, c), error
 
     def _options(self, T_world_grasp: gtsam.Pose3) -> tuple[Surroundings, GraspOptions]:
         """What is around, and the arm's clear configurations for a grasp: at least one.
@@ -185,8 +154,7 @@ class SimFranka:
             MotionInfeasible: there are none.
         """
         reach = self.config.reach
-        own = own_surroundings(self._floor_m)
-        around = surroundings(own, self._seen, T_world_grasp, reach, self._modelled)
+        around = self._scene.around(T_world_grasp, reach.margins_m[0])
         options = grasp_options(self._kinematics, T_world_grasp, around, reach)
         where = f"the grasp at {np.round(T_world_grasp.translation(), 3)} m"
         if not options.reachable:
@@ -195,10 +163,20 @@ class SimFranka:
             raise MotionInfeasible(f"{where} is not clear: {options.touched} would touch")
         return around, options
 
+    def _reach(
+        self,
+        T_world_grasp: gtsam.Pose3,
+        goals: Sequence[GraspConfiguration],
+        around: Surroundings,
+    ) -> Iterator[FloatArray]:
+        """To a pre-grasp, and straight on to the grasp."""
+        reached = yield from self._free_motion(goals, around)
+        yield from self._approach(T_world_grasp, reached)
+
     def _free_motion(
         self, goals: Sequence[GraspConfiguration], around: Surroundings
-    ) -> Iterator[FloatArray]:
-        """From where the arm is to the first of the pre-grasps that it finds a free way to."""
+    ) -> Generator[FloatArray, None, GraspConfiguration]:
+        """To the first of the pre-grasps that it finds a free way to; which one is returned."""
         planner = RrtConnectPlanner(around.free_motion, self.config.plan)
         q_from, problem = self._drive.state.q, None
         for goal in goals:
@@ -208,7 +186,7 @@ class SimFranka:
                 problem = problem or error
                 continue
             yield from self._joint_move(waypoints, around)
-            return
+            return goal
         assert problem is not None
         raise problem
 
@@ -222,19 +200,33 @@ class SimFranka:
             state = self._drive.state
             fingers = sum(state.fingers_m) / 2.0
             balance = self._kinematics.inverse_dynamics(state.q, state.dq, ddq_ref, fingers)
+            if np.abs(q_ref - state.q).max() > self.config.met_rad:
+                raise GraspFailed("the arm met something on its way to the handle")
             yield joint_impedance(q_ref, dq_ref, state.q, state.dq, balance, self.config.joints)
         self._q_rest = motion.q[-1].copy()
 
-    def _approach(self, T_world_grasp: gtsam.Pose3) -> Iterator[FloatArray]:
+    def _approach(
+        self, T_world_grasp: gtsam.Pose3, choice: GraspConfiguration
+    ) -> Iterator[FloatArray]:
         c, T = self.config, T_world_grasp
-        yield from self._straight(T, c.reach.standoff_m, c.guarded_m, c.approach_m_s)
-        yield from self._straight(T, c.guarded_m, 0.0, c.guarded_m_s)
+        speed_m_s = c.unseen_m_s if choice.unseen else c.approach_m_s
+        yield from self._straight(T, choice.standoff_m, c.guarded_m, speed_m_s, c.blocked_m)
+        yield from self._straight(T, c.guarded_m, 0.0, c.guarded_m_s, c.blocked_m)
         yield from self._stay(T.matrix(), c.settle_s)
 
     def _straight(
-        self, T_world_goal: gtsam.Pose3, from_m: float, to_m: float, speed_m_s: float
+        self,
+        T_world_goal: gtsam.Pose3,
+        from_m: float,
+        to_m: float,
+        speed_m_s: float,
+        blocked_m: float = np.inf,
     ) -> Iterator[FloatArray]:
-        """Along the goal's z, from `from_m` behind it to `to_m` behind it."""
+        """Along the goal's z, from `from_m` behind it to `to_m` behind it.
+
+        Raises:
+            GraspFailed: the hand stays behind by more than `blocked_m`: something is in the way.
+        """
         sign = 1.0 if from_m > to_m else -1.0
         forward = sign * T_world_goal.rotation().matrix()[:, 2]
         wanted = standoff(T_world_goal, from_m).matrix()
@@ -243,11 +235,15 @@ class SimFranka:
             wanted[:3, 3] = start + s * forward
             velocity = (s - last) / self._drive.step_s * forward
             last = s
-            yield self._cartesian(wanted, np.concatenate([velocity, np.zeros(3)]))
+            tau, error = self._cartesian(wanted, np.concatenate([velocity, np.zeros(3)]))
+            if forward @ error[:3] > blocked_m:
+                left_m = forward @ (T_world_goal.translation() - wanted[:3, 3] + error[:3])
+                raise GraspFailed(_blocked(float(left_m)))
+            yield tau
 
     def _stay(self, T_wanted: FloatArray, duration_s: float) -> Iterator[FloatArray]:
         for _ in range(round(duration_s / self._drive.step_s)):
-            yield self._cartesian(T_wanted, np.zeros(6))
+            yield self._cartesian(T_wanted, np.zeros(6))[0]
 
     def _close(self, T_world_grasp: gtsam.Pose3) -> Iterator[FloatArray]:
         """Close, with the hand soft sideways so that an off-centre bar moves it, not the part."""
@@ -255,7 +251,7 @@ class SimFranka:
         wanted, step_s = T_world_grasp.matrix(), self._drive.step_s
         squeezed_s = 0.0
         for _ in range(round(self.config.close_max_s / step_s)):
-            yield self._cartesian(wanted, np.zeros(6), self.config.impedance.sideways_n_m)
+            yield self._cartesian(wanted, np.zeros(6), self.config.impedance.sideways_n_m)[0]
             squeezed_s += step_s * self.gripper.at_full_force
             if squeezed_s >= self.config.squeeze_s:
                 break
@@ -268,9 +264,9 @@ class SimFranka:
             return
         here = self.T_world_gripper()
         yield from self._stay(here.matrix(), self.config.open_s)
-        c = self.config
-        yield from self._straight(here, 0.0, c.reach.standoff_m, c.approach_m_s)
-        yield from self._stay(standoff(here, c.reach.standoff_m).matrix(), c.settle_s)
+        c, back_m = self.config, self.config.reach.standoffs_m[0]
+        yield from self._straight(here, 0.0, back_m, c.approach_m_s)
+        yield from self._stay(standoff(here, back_m).matrix(), c.settle_s)
 
     def _pull(self, direction_world: FloatArray, distance_m: float) -> Iterator[FloatArray]:
         T_start = self._sense()[2].copy()
@@ -289,3 +285,7 @@ class SimFranka:
             q, dq, T, J, balance = self._sense()
             wrench = tracker.wrench(T, J @ dq, self._drive.step_s)
             yield cartesian_torques(wrench, J, q, dq, self._q_rest, balance, c)
+
+
+def _blocked(left_m: float) -> str:
+    return f"the approach was blocked {1e3 * left_m:.0f} mm before the grasp"

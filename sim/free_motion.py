@@ -30,7 +30,7 @@ class PlanConfig:
     reach_rad: float = 0.8  # of one branch of the tree, norm over the joints
     checks_max: int = 15000  # of a search: about one second
     searches: int = 3  # with other seeds, each twice as fine as the one before
-    margins_m: tuple[float, ...] = (0.02, 0.01, 0.0)  # the first at which the arm may start
+    margins_m: tuple[float, ...] = (0.02, 0.01, 0.0)  # the first at which both ends are free
     limit_margin_rad: float = 0.01  # kept from the soft limits
 
 
@@ -54,12 +54,9 @@ class RrtConnectPlanner:
         self._config = config or PlanConfig()
 
     def plan(self, q_from: FloatArray, q_to: FloatArray) -> FloatArray:
-        """See FreeMotionPlanner. Keeps the largest of the margins at which the arm may start."""
+        """See FreeMotionPlanner. Keeps the largest of the margins at which both ends are free."""
         config = self._config
-        self._settle_margin(q_from)
-        touched = self._collisions.touched(q_to)
-        if touched is not None:
-            raise MotionInfeasible(f"at the goal of the motion, {touched} would touch")
+        self._settle_margin(q_from, q_to)
         straight = np.stack([q_from, q_to])
         if self._collisions.free_along(straight, config.step_m):
             return straight
@@ -71,16 +68,19 @@ class RrtConnectPlanner:
         checks = config.searches * config.checks_max
         raise MotionInfeasible(f"no free way to the goal was found with {checks} collision checks")
 
-    def _settle_margin(self, q_from: FloatArray) -> None:
-        for q in (q_from,):
-            if limit_margin_rad(q) < 0.0:
-                raise MotionInfeasible(f"joint angles {np.round(q, 3)} are outside the limits")
+    def _settle_margin(self, q_from: FloatArray, q_to: FloatArray) -> None:
+        if limit_margin_rad(q_from) < 0.0:
+            raise MotionInfeasible(f"joint angles {np.round(q_from, 3)} are outside the limits")
+        problem = ""
         for margin_m in self._config.margins_m:
             self._collisions.set_margin(margin_m)
-            touched = self._collisions.touched(q_from)
-            if touched is None:
+            ends = [self._collisions.touched(q) for q in (q_from, q_to)]
+            if ends == [None, None]:
                 return
-        raise MotionInfeasible(f"where the arm stands, {touched} touch")
+            problem = f"where the arm stands, {ends[0]} touch"
+            if ends[0] is None:
+                problem = f"at the goal of the motion, {ends[1]} would touch"
+        raise MotionInfeasible(problem)
 
     def _search(
         self, q_from: FloatArray, q_to: FloatArray, seed: int, step_rad: float

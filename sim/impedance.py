@@ -45,7 +45,7 @@ class ImpedanceConfig:
     null_stiffness: float = 4.0  # N m/rad, towards the rest posture
     null_damping: float = 3.0  # N m s/rad
     joint_damping: float = 0.5  # N m s/rad, everywhere
-    limit_zone_rad: float = 0.06  # a soft spring begins this far inside the limits
+    limit_zone_rad: float = 0.06  # a soft spring begins this far inside the limits, or at rest
     limit_stiffness: float = 150.0  # N m/rad in that zone
 
 
@@ -77,7 +77,8 @@ def cartesian_torques(
         J_gripper_q: (6, 7), linear then angular, world axes.
         q: (7,) rad.
         dq: (7,) rad/s.
-        q_rest: (7,) posture that the null space leans to, rad.
+        q_rest: (7,) posture that the null space leans to, rad. Where it is near a joint limit the
+            spring there begins at it: nothing pushes an arm that has just come to rest.
         balance: (7,) torques against gravity and Coriolis forces, N m.
         config: gains.
     """
@@ -86,7 +87,8 @@ def cartesian_torques(
     # What the posture would exert at the hand is taken out: J^T (wrench - (J J^T)^-1 J lean).
     behind = dposv(JJt, J_gripper_q @ lean)[1]  # numpy's solver takes four times as long
     tau = J_gripper_q.T @ (wrench - behind) + lean + balance - config.joint_damping * dq
-    low, high = Q_MIN + config.limit_zone_rad, Q_MAX - config.limit_zone_rad
+    low = np.minimum(Q_MIN + config.limit_zone_rad, q_rest)
+    high = np.maximum(Q_MAX - config.limit_zone_rad, q_rest)
     tau += config.limit_stiffness * (np.maximum(low - q, 0.0) - np.maximum(q - high, 0.0))
     assert tau.shape == (N_ARM,)
     return tau

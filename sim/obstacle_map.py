@@ -5,12 +5,13 @@ something behind; it is occupied where the seen surface lies in it, and also whe
 the surface: what the camera cannot see may be solid. Space outside the picture is unknown too, but
 taken as free: the arm could not leave its own shadow otherwise. The arm's own space is free.
 Only the shell of the occupied space is kept (the arm cannot get inside without crossing it), as
-an octree.
+an octree. Of each voxel the map knows whether a surface was seen in it or whether it is only hidden
+behind one: a hand may have to go where nobody could look (`sim.reaching`).
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import coal
 import cv2
@@ -35,27 +36,15 @@ class MapConfig:
     lower_m: tuple[float, float, float] = (-0.30, -0.96, -0.62)  # corners of what is mapped:
     upper_m: tuple[float, float, float] = (1.00, 0.96, 1.14)  # what the arm can reach, in front
     median_px: int = 5  # side of the window that smooths depth
+    one_face: float = 0.06  # share by which depths differ within a voxel's width of one face
     support_px: int = 4  # known pixels of it that must be as near for a thin thing to be there
     carve_m: float = 0.05  # around the arm, which is where it is
 
-
-@dataclass(frozen=True, slots=True)
-class GraspRoom:
-    """Where a grasped handle and the front behind it are: before the palm, about its axis.
-
-    What sticks out farther than the palm comes, such as a table top above, is not in it.
-    """
-
-    T_world_grasp: gtsam.Pose3
-    radius_m: float  # about the gripper's z
-    ahead_m: float  # of the grasp point, against the gripper's z: where the room begins
-
-    def holds(self, p_world: FloatArray) -> BoolArray:
-        """(N,) which points (N, 3) are in it."""
-        T = self.T_world_grasp
-        p_grasp = (p_world - T.translation()) @ T.rotation().matrix()
-        aside = np.linalg.norm(p_grasp[:, :2], axis=1)
-        return np.asarray((p_grasp[:, 2] > -self.ahead_m) & (aside < self.radius_m))
+    def near(self, p_world: FloatArray, half_m: float, voxel_m: float) -> MapConfig:
+        """The same with other voxels, for a cube of side 2 `half_m` about a point (3,)."""
+        low, high = (p_world - half_m).tolist(), (p_world + half_m).tolist()
+        lower, upper = (low[0], low[1], low[2]), (high[0], high[1], high[2])
+        return replace(self, voxel_m=voxel_m, lower_m=lower, upper_m=upper)
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,11 +52,12 @@ class ObstacleMap:
     """The shell of the space that may be occupied."""
 
     p_world: FloatArray  # (N, 3) middles of the shell's voxels
+    surface: BoolArray  # (N,) whether a surface was seen in the voxel; else it is hidden behind one
     voxel_m: float
 
-    def obstacle(self, room: GraspRoom | None = None) -> Obstacle | None:
-        """The shell as an obstacle, without what a grasp's room holds. None where none is left."""
-        points = self.p_world if room is None else self.p_world[~room.holds(self.p_world)]
+    def obstacle(self, chosen: BoolArray | None = None) -> Obstacle | None:
+        """The shell, or the chosen ones (N,) of its voxels, as an obstacle. None: no voxels."""
+        points = self.p_world if chosen is None else self.p_world[chosen]
         if not len(points):
             return None
         octree = coal.makeOctree(np.ascontiguousarray(points), self.voxel_m)
@@ -89,15 +79,15 @@ def map_from_frame(
     lower = np.array(config.lower_m)
     lower[2] = max(lower[2], floor_m)
     count = np.ceil((np.array(config.upper_m) - lower) / config.voxel_m).astype(int)
-    axes = [lower[i] + config.voxel_m * (np.arange(count[i]) + 0.5) for i in range(3)]
-    occupied = _hidden(axes, frame, config)
-    p_world = _middles(axes, _shell(occupied))
-    if inside_arm(p_world, q, config.carve_m).any():
+    axes = [lower[i] + config.voxel_m * (np.arange(max(count[i], 0)) + 0.5) for i in range(3)]
+    occupied, surface = _occupied(axes, frame, config)
+    shell = _shell(occupied)
+    if inside_arm(_middles(axes, shell), q, config.carve_m).any():
         index = np.argwhere(occupied)
         mine = inside_arm(_middles(axes, occupied), q, config.carve_m)
         occupied[tuple(index[mine].T)] = False
-        p_world = _middles(axes, _shell(occupied))
-    return ObstacleMap(p_world, config.voxel_m)
+        shell = _shell(occupied)
+    return ObstacleMap(_middles(axes, shell), surface[shell], config.voxel_m)
 
 
 def _middles(axes: list[FloatArray], chosen: BoolArray) -> FloatArray:
@@ -105,8 +95,15 @@ def _middles(axes: list[FloatArray], chosen: BoolArray) -> FloatArray:
     return np.column_stack([axis[i] for axis, i in zip(axes, np.nonzero(chosen), strict=True)])
 
 
-def _hidden(axes: list[FloatArray], frame: RgbdFrame, config: MapConfig) -> BoolArray:
-    """(X, Y, Z) True where a voxel touches the surface that is seen, or lies behind it."""
+def _occupied(
+    axes: list[FloatArray], frame: RgbdFrame, config: MapConfig
+) -> tuple[BoolArray, BoolArray]:
+    """(X, Y, Z) where a voxel may be occupied; (X, Y, Z) where that is because a surface is in it.
+
+    A voxel's middle is compared with the surfaces that its width in the picture covers: behind the
+    nearest it may be occupied. A surface is in it near the nearest, the middle or the farthest of
+    them, and between where they belong to one slanting face.
+    """
     camera, T = frame.camera, frame.T_world_cam
     R, eye = T.rotation().matrix(), T.translation()
     parts = [np.outer(axes[i] - eye[i], R[i]).astype(np.float32) for i in range(3)]
@@ -118,28 +115,45 @@ def _hidden(axes: list[FloatArray], frame: RgbdFrame, config: MapConfig) -> Bool
     u = np.rint(camera.fx * x / ahead + camera.cx).astype(np.int32)
     v = np.rint(camera.fy * y / ahead + camera.cy).astype(np.int32)
     seen = (z > config.voxel_m) & (u >= 0) & (u < camera.width) & (v >= 0) & (v < camera.height)
-    nearest = _nearest_surface(frame, config)
+    nearest, surfaces = _surfaces(frame, config)
     slack = np.float32(config.voxel_m * np.sqrt(3.0) / 2.0)  # half a voxel's diagonal
-    hidden = np.zeros(z.shape, dtype=bool)
-    hidden[seen] = z[seen] > nearest[v[seen], u[seen]] - slack
-    return hidden
+    occupied, surface = np.zeros(z.shape, dtype=bool), np.zeros(z.shape, dtype=bool)
+    z, pixels = z[seen], (v[seen], u[seen])
+    occupied[seen] = z > nearest[pixels] - slack
+    near, own, far = surfaces[:, *pixels]
+    one_face = (far < (1.0 + config.one_face) * near) & (near < z) & (z < far)
+    at_one = [np.abs(z - depth) < slack for depth in (near, own, far)]
+    surface[seen] = np.logical_or.reduce([one_face, *at_one])
+    return occupied, surface & occupied
 
 
-def _nearest_surface(frame: RgbdFrame, config: MapConfig) -> NDArray[np.float32]:
-    """(H, W) smallest depth within half a voxel's width of each pixel; infinite where unknown."""
+def _surfaces(
+    frame: RgbdFrame, config: MapConfig
+) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    """What each pixel shows within half a voxel's width, as depths.
+
+    Returns:
+        (H, W) the smallest that anything there may have, infinite where nothing is known;
+        (3, H, W) the smallest, the pixel's own and the largest of what was seen. A gap in the depth
+        counts as seen where it lies in one face, not between two. Infinite, or 0 for the largest,
+        where nothing was.
+    """
     depth = frame.depth_m
     known = np.isfinite(depth)
     if not known.any():
-        return np.full(depth.shape, np.inf, dtype=np.float32)
+        nothing = np.full((4, *depth.shape), np.inf, dtype=np.float32)
+        return nothing[0], nothing[1:]
     nearness = np.divide(1.0, depth, out=np.zeros(depth.shape, dtype=np.float32), where=known)
-    smooth = _with_thin_things(
-        cv2.medianBlur(_bridged(nearness, known), config.median_px), nearness, config
-    )
+    bridged, in_a_face = _bridged(nearness, known, config.one_face)
+    smooth = _with_thin_things(cv2.medianBlur(bridged, config.median_px), nearness, config)
     half_px = 0.5 * config.voxel_m * frame.camera.fx * float(np.median(nearness[known]))
-    side = 2 * int(np.ceil(half_px)) + 1
-    nearest = cv2.dilate(smooth, np.ones((side, side), dtype=np.uint8))
+    window = np.ones((2 * int(np.ceil(half_px)) + 1,) * 2, dtype=np.uint8)
+    faces = np.where(in_a_face, smooth, np.float32(0.0))
+    far = cv2.erode(np.where(in_a_face, smooth, np.float32(np.inf)), window)
+    around = np.stack([cv2.dilate(smooth, window), cv2.dilate(faces, window), faces, far])
     with np.errstate(divide="ignore"):
-        return np.asarray(1.0 / nearest, dtype=np.float32)
+        around = np.asarray(1.0 / around, dtype=np.float32)
+    return around[0], around[1:]
 
 
 def _with_thin_things(
@@ -168,18 +182,26 @@ def _with_thin_things(
     return result
 
 
-def _bridged(nearness: NDArray[np.float32], known: BoolArray) -> NDArray[np.float32]:
+def _bridged(
+    nearness: NDArray[np.float32], known: BoolArray, one_face: float
+) -> tuple[NDArray[np.float32], BoolArray]:
     """1 / depth (H, W) with holes and the robot's silhouette bridged.
 
     Along rows and along columns, linearly from the last known pixel to the next: exact for planes.
-    The farther of both counts, because a bridge from a near edge to a far wall is a phantom.
+    The farther of both counts, because a bridge from a near edge to a far wall is a phantom. Second
+    comes (H, W) where there was no hole, or where one in a face was bridged: both ways agree to a
+    share of `one_face`, and so do neighbours.
     """
     rows, columns = np.nonzero(~known)
     along_rows = _between(nearness, known, rows, columns)
     along_columns = _between(nearness.T, known.T, columns, rows)
-    result = nearness.copy()
+    result, in_a_face = nearness.copy(), known.copy()
     result[rows, columns] = np.nan_to_num(np.fmin(along_rows, along_columns))
-    return result
+    agree = np.abs(along_rows - along_columns) < one_face * along_rows
+    beside = np.ones((3, 3), dtype=np.uint8)
+    flat = cv2.dilate(result, beside) - cv2.erode(result, beside) < one_face * result
+    in_a_face[rows, columns] = agree & flat[rows, columns]
+    return result, in_a_face
 
 
 def _between(

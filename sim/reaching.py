@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import gtsam
@@ -10,9 +10,9 @@ import numpy as np
 import ruckig
 
 from akm_fg.records import FloatArray
-from sim.collision import FINGERS, HAND, ArmCollisions, Obstacle, resampled
+from sim.collision import resampled
 from sim.kinematics import N_ARM, Q_HOME, Q_MAX, Q_MIN, FrankaKinematics, limit_margin_rad
-from sim.obstacle_map import GraspRoom, ObstacleMap
+from sim.surroundings import Surroundings
 
 SAME_RAD = 0.05  # joint angles nearer than this belong to one branch
 
@@ -21,14 +21,14 @@ SAME_RAD = 0.05  # joint angles nearer than this belong to one branch
 class ReachConfig:
     """How a grasp pose is approached and what is wished of the arm afterwards."""
 
-    standoff_m: float = 0.10  # from the pre-grasp to the grasp, along the gripper's z
-    approach_steps: int = 3  # poses along it that inverse kinematics is asked for
+    # From the pre-grasp to the grasp, along the gripper's z: the first from which the way is clear.
+    # Beside a front's edge the hand comes out of its shadow only farther back.
+    standoffs_m: tuple[float, ...] = (0.10, 0.15, 0.20)
+    approach_step_m: float = 0.05  # between the poses that inverse kinematics is asked for
     retreat_m: float = 0.30  # a straight pull that should stay reachable: more is better
     retreat_steps: int = 6
     starts: int = 10  # of the inverse kinematics, home first
-    margin_m: float = 0.02  # kept from obstacles: tracking error, and noise of the depth
-    room_radius_m: float = 0.14  # about the approach, where the hand may come near to what is
-    room_ahead_m: float = 0.04  # seen of handle and front: the palm stops 47 mm before the grasp
+    margins_m: tuple[float, ...] = (0.02, 0.01)  # kept from obstacles: the first that leaves a way
     step_m: float = 0.01  # no point of the arm moves farther between two collision checks
 
 
@@ -38,14 +38,8 @@ class GraspConfiguration:
 
     q_pregrasp: FloatArray
     q_grasp: FloatArray
-
-
-@dataclass(frozen=True, slots=True)
-class Surroundings:
-    """The obstacles of one grasp, as the two parts of the way to it have to respect them."""
-
-    free_motion: ArmCollisions  # the whole arm
-    approach: ArmCollisions  # fingers anywhere, the hand before handle and front
+    standoff_m: float  # from the one to the other
+    unseen: bool = False  # on the way in the hand goes where the camera could not look
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,38 +49,6 @@ class GraspOptions:
     configurations: tuple[GraspConfiguration, ...]
     reachable: bool  # whether there are any without regard to obstacles
     touched: str | None  # what would touch in the first of those that are not clear
-
-
-def surroundings(
-    known: list[Obstacle],
-    seen: ObstacleMap | None,
-    T_world_grasp: gtsam.Pose3,
-    config: ReachConfig,
-    modelled: Sequence[Obstacle] = (),
-) -> Surroundings:
-    """The arm among obstacles, for the way to a grasp.
-
-    Args:
-        known: what the arm need not see.
-        seen: what a camera saw; None where none has looked.
-        T_world_grasp: where the hand will close.
-        config: margins.
-        modelled: of exactly known shape and place; on the approach the hand may come near them.
-    """
-    room = GraspRoom(T_world_grasp, config.room_radius_m, config.room_ahead_m)
-    whole = seen.obstacle() if seen else None
-    rest = seen.obstacle(room) if seen else None
-    for_arm = [] if whole is None else [_spared(whole, (HAND, *FINGERS))]
-    for_hand = [] if rest is None else [_spared(rest, FINGERS)]
-    near = [_spared(obstacle, (HAND, *FINGERS)) for obstacle in modelled]
-    return Surroundings(
-        ArmCollisions([*known, *modelled, *([whole] if whole else [])], config.margin_m),
-        ArmCollisions([*known, *near, *for_arm, *for_hand], config.margin_m),
-    )
-
-
-def _spared(obstacle: Obstacle, links: tuple[str, ...]) -> Obstacle:
-    return Obstacle(obstacle.name, obstacle.geometry, obstacle.T_world_obstacle, links)
 
 
 def standoff(T_world_grasp: gtsam.Pose3, back_m: float) -> gtsam.Pose3:
@@ -111,33 +73,92 @@ def grasp_options(
     """The inverse-kinematics branches of a grasp that are clear of what is around.
 
     Those that can pull back farthest with the widest joint margin come first. Knows nothing of
-    the joint: a straight retreat stands for the pull to come.
+    the joint: a straight retreat stands for the pull to come. Leaves `around` with the first of the
+    margins at which there are any.
     """
     config = config or ReachConfig()
-    scored: list[tuple[float, GraspConfiguration]] = []
-    tried: list[FloatArray] = []
+    ways = _branches(kinematics, T_world_grasp, config)
     touched: str | None = None
+    for margin_m in config.margins_m if around else (0.0,):
+        if around is not None:
+            around.set_margin(margin_m)
+        clear: list[GraspConfiguration] = []
+        for way in ways:
+            choice = _from_clear_standoff(kinematics, T_world_grasp, way, around, config)
+            if isinstance(choice, str):
+                touched = touched or choice
+            else:
+                clear.append(choice)
+        if clear:
+            break
+    scores = [_score(kinematics, T_world_grasp, choice, config) for choice in clear]
+    order = sorted(range(len(clear)), key=lambda i: -scores[i])  # stable: home's branch first
+    return GraspOptions(tuple(clear[i] for i in order), bool(ways), touched)
+
+
+def _branches(
+    kinematics: FrankaKinematics, T_world_grasp: gtsam.Pose3, config: ReachConfig
+) -> list[FloatArray]:
+    """(K, 7) joint angles each, from the grasp back to the first standoff."""
+    ways: list[FloatArray] = []
     for q_start in _starts(config.starts):
         q_grasp = kinematics.solve(T_world_grasp, q_start)
-        if q_grasp is None or any(np.abs(q_grasp - q).max() < SAME_RAD for q in tried):
+        if q_grasp is None or any(np.abs(q_grasp - way[0]).max() < SAME_RAD for way in ways):
             continue
-        way = [
-            standoff(T_world_grasp, float(back))
-            for back in np.linspace(0.0, config.standoff_m, config.approach_steps)[1:]
-        ]
-        approach = kinematics.chain(way, q_grasp)
-        if approach is None:
-            continue
-        tried.append(q_grasp)
-        choice = GraspConfiguration(approach[-1], q_grasp)
-        if around is not None:
-            hit = _touched(np.array([q_grasp, *approach]), around, config)
-            if hit is not None:
-                touched = touched or hit
-                continue
-        scored.append((_score(kinematics, T_world_grasp, choice, config), choice))
-    scored.sort(key=lambda pair: -pair[0])  # stable: home's branch first among equals
-    return GraspOptions(tuple(choice for _, choice in scored), bool(tried), touched)
+        way = _farther(kinematics, T_world_grasp, q_grasp[None], 0.0, config.standoffs_m[0], config)
+        if way is not None:
+            ways.append(way)
+    return ways
+
+
+def _farther(
+    kinematics: FrankaKinematics,
+    T_world_grasp: gtsam.Pose3,
+    way: FloatArray,
+    from_m: float,
+    to_m: float,
+    config: ReachConfig,
+) -> FloatArray | None:
+    """The way (K, 7), which ends `from_m` behind the grasp, with more rows to `to_m`; or None."""
+    count = max(round((to_m - from_m) / config.approach_step_m), 1)
+    backs = np.linspace(from_m, to_m, count + 1)[1:]
+    rest = kinematics.chain([standoff(T_world_grasp, float(back)) for back in backs], way[-1])
+    return None if rest is None else np.array([*way, *rest])
+
+
+def _from_clear_standoff(
+    kinematics: FrankaKinematics,
+    T_world_grasp: gtsam.Pose3,
+    way: FloatArray,
+    around: Surroundings | None,
+    config: ReachConfig,
+) -> GraspConfiguration | str:
+    """One branch from the first standoff that is clear, or what would touch from the first of all.
+
+    Args:
+        kinematics: of the arm.
+        T_world_grasp: where the hand will close.
+        way: (K, 7) from the grasp back to the first standoff.
+        around: what is around; None is nothing.
+        config: the standoffs.
+    """
+    touched, here_m = None, config.standoffs_m[0]
+    if around is None:
+        return GraspConfiguration(way[-1], way[0], here_m)
+    for standoff_m in config.standoffs_m:
+        longer: FloatArray | None = way
+        if standoff_m > here_m:
+            longer = _farther(kinematics, T_world_grasp, way, here_m, standoff_m, config)
+        if longer is None:
+            break
+        way, here_m = longer, standoff_m
+        hit = _touched(way, around, config)
+        if hit is None:
+            unseen = around.unseen is not None and not around.unseen.free_along(way, config.step_m)
+            return GraspConfiguration(way[-1], way[0], here_m, unseen)
+        touched = touched or hit
+    assert touched is not None
+    return touched
 
 
 def _touched(approach: FloatArray, around: Surroundings, config: ReachConfig) -> str | None:
@@ -157,7 +178,7 @@ def _score(
 ) -> float:
     """How far the arm can pull back in a straight line, m, plus its joint margin, rad up to 0.5."""
     reached, margin, q = 0.0, limit_margin_rad(choice.q_grasp), choice.q_pregrasp
-    backs = np.linspace(config.standoff_m, config.retreat_m, config.retreat_steps)[1:]
+    backs = np.linspace(choice.standoff_m, config.retreat_m, config.retreat_steps)[1:]
     for back in backs:
         step = kinematics.chain([standoff(T_world_grasp, float(back))], q)
         if step is None:

@@ -127,6 +127,40 @@ def test_a_grasp_in_free_air_fails_and_the_fingers_stay_centred():
         assert not episode.arm.holding()
 
 
+def put_ball(episode: SimEpisode, p_world: np.ndarray) -> None:
+    """A heavy ball of 10 cm, too wide for the open fingers, that nobody has told the arm of."""
+    client = episode.world.client
+    shape = p.createCollisionShape(p.GEOM_SPHERE, radius=0.05, physicsClientId=client)
+    p.createMultiBody(0.0, shape, basePosition=p_world.tolist(), physicsClientId=client)
+
+
+@pytest.mark.parametrize(
+    ("before_m", "told", "left_m"), [(0.03, "blocked", 0.06), (None, "met something", 0.10)]
+)
+def test_a_hand_that_meets_something_unexpected_stops(
+    before_m: float | None, told: str, left_m: float
+):
+    """On the straight approach, and in the free motion before it."""
+    with open_world("drawer", seed=1, noise="clean") as episode:
+        arm, grasp = episode.arm, episode.T_world_grasp
+        if before_m is None:
+            pregrasp = grasp * gtsam.Pose3(gtsam.Rot3(), np.array([0.0, 0.0, -0.10]))
+            start = arm.T_world_gripper().translation()
+            put_ball(episode, start + 0.6 * (pregrasp.translation() - start))
+        else:
+            ahead = gtsam.Pose3(gtsam.Rot3(), np.array([0.0, 0.0, -before_m]))
+            put_ball(episode, (grasp * ahead).translation())
+        recorder = arm.record()
+        with pytest.raises(GraspFailed, match=told):
+            run(arm.grasp(grasp, TICK_S))
+        off_m = np.linalg.norm(arm.T_world_gripper().translation() - grasp.translation())
+        assert off_m > left_m
+        motion = recorder.motion()
+        load = np.abs(motion.tau[-1] - motion.tau[-300])  # against 0.3 s before
+        assert load.max() < 35.0
+        assert motion.usage().torque < 1.0
+
+
 def test_what_is_out_of_reach_is_infeasible():
     with open_world("drawer", seed=1, noise="clean") as episode:
         far = gtsam.Pose3(gtsam.Rot3.Ry(np.pi / 2), np.array([1.5, 0.0, 0.5]))

@@ -48,11 +48,25 @@ def test_the_posture_pushes_nothing_at_the_hand(J: np.ndarray):
 
 @pytest.mark.parametrize(("limit", "sign"), [(Q_MIN, 1.0), (Q_MAX, -1.0)])
 def test_near_a_joint_limit_a_spring_pushes_back(J: np.ndarray, limit: np.ndarray, sign: float):
-    config, q = ImpedanceConfig(), Q_HOME.copy()
+    config, q = ImpedanceConfig(null_stiffness=0.0), Q_HOME.copy()
     q[2] = limit[2] + sign * 0.02
-    tau = cartesian_torques(np.zeros(6), J, q, STILL, q, STILL, config)
+    tau = cartesian_torques(np.zeros(6), J, q, STILL, Q_HOME, STILL, config)
     assert tau[2] == pytest.approx(sign * config.limit_stiffness * (config.limit_zone_rad - 0.02))
     np.testing.assert_allclose(np.delete(tau, 2), 0.0, atol=1e-9)
+
+
+@pytest.mark.parametrize(("limit", "sign"), [(Q_MIN, 1.0), (Q_MAX, -1.0)])
+def test_an_arm_that_rests_near_a_limit_is_kept_there_and_not_thrown_back(
+    J: np.ndarray, limit: np.ndarray, sign: float
+):
+    config, q_rest = ImpedanceConfig(null_stiffness=0.0), Q_HOME.copy()
+    q_rest[2] = limit[2] + sign * 0.02
+    still = cartesian_torques(np.zeros(6), J, q_rest, STILL, q_rest, STILL, config)
+    np.testing.assert_allclose(still, 0.0, atol=1e-9)
+    nearer = q_rest.copy()
+    nearer[2] -= sign * 0.01
+    tau = cartesian_torques(np.zeros(6), J, nearer, STILL, q_rest, STILL, config)
+    assert tau[2] == pytest.approx(sign * config.limit_stiffness * 0.01)
 
 
 def test_bounded_shortens_what_is_too_long_and_nothing_else():

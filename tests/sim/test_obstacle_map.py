@@ -12,8 +12,9 @@ from akm_fg.records import PinholeCamera, RgbdFrame
 from sim.collision import ArmCollisions, Obstacle
 from sim.kinematics import Q_HOME, FrankaKinematics
 from sim.noise import NOISE_LEVELS, noisy_depth
-from sim.obstacle_map import GraspRoom, MapConfig, ObstacleMap, map_from_frame, own_surroundings
+from sim.obstacle_map import MapConfig, ObstacleMap, map_from_frame, own_surroundings
 from sim.reaching import ReachConfig
+from sim.surroundings import GraspRoom
 from sim.views import look_at
 
 CAMERA = PinholeCamera(320, 240, 300.0, 300.0, 159.5, 119.5)
@@ -145,7 +146,7 @@ def test_the_arms_own_space_is_free_even_where_it_seems_hidden():
     depth = depth_of_block()
     uv = CAMERA.project(T_WORLD_CAM.transformTo(hand)).round().astype(int)
     depth[uv[1] - 30 : uv[1] + 30, uv[0] - 30 : uv[0] + 30] = 0.5  # something before the arm
-    margin_m = ReachConfig().margin_m
+    margin_m = ReachConfig().margins_m[0]
     assert ArmCollisions([seen(depth)], margin_m).free(Q_HOME)
     elsewhere = Q_HOME + np.array([2.0, 0, 0, 0, 0, 0, 0])
     away = map_from_frame(frame(depth), elsewhere, 0.0).obstacle()
@@ -181,16 +182,77 @@ def test_a_bridge_from_a_near_edge_to_a_far_wall_is_no_wall_between():
     assert (nearest - p_cam[:, 2]).max() < 2.0 * MapConfig().voxel_m
 
 
-def test_what_lies_before_the_palm_is_left_out_for_the_hand():
+def surfaces_at(found: ObstacleMap, points: np.ndarray) -> list[bool | None]:
+    """Of the shell's voxel nearest to each point: is a surface in it? None: no voxel is near."""
+    away = np.linalg.norm(found.p_world[None] - np.asarray(points)[:, None], axis=2)
+    nearest = away.argmin(axis=1)
+    near = away.min(axis=1) < 1.5 * found.voxel_m
+    return [bool(found.surface[i]) if ok else None for i, ok in zip(nearest, near, strict=True)]
+
+
+def test_seen_faces_are_surfaces_and_the_edge_of_a_shadow_is_none():
     found = mapped(depth_of_block())
+    eye = T_WORLD_CAM.translation()
+    slopes = [(x, normal @ (eye - x) / np.linalg.norm(eye - x)) for x, normal in seen_faces()]
+    faces = np.array([x for x, slope in slopes if slope > 0.3 and x[2] > 0.04])
+    assert len(faces) > 100 and all(surfaces_at(found, faces))
+    # Behind the block's far upright edge the shadow's side begins, seen from the camera.
+    edge = MIDDLE + HALF * np.array([-1.0, 1.0, 0.0])
+    along = edge - T_WORLD_CAM.translation()
+    along /= np.linalg.norm(along)
+    shadow = edge + np.array([[0.08], [0.14]]) * along
+    assert surfaces_at(found, shadow) == [False, False]
+
+
+def test_a_hole_in_a_face_is_surface():
+    torn = depth_of_block()
+    face = MIDDLE - [0.0, HALF[1], 0.0]
+    u, v = CAMERA.project(T_WORLD_CAM.transformTo(face)).astype(int)
+    torn[v - 5 : v + 5, u - 20 : u + 20] = np.nan
+    assert surfaces_at(mapped(torn), [face]) == [True]
+
+
+def test_what_is_bridged_from_a_near_edge_to_what_is_far_behind_is_no_surface():
+    """The sensor loses the pixels at edges, all along them."""
+    exact = np.nan_to_num(depth_of_block(), nan=9.0)
+    window, wide = np.ones((5, 5), np.uint8), np.ones((9, 9), np.uint8)
+    at_an_edge = cv2.dilate(exact, window) - cv2.erode(exact, window) > 0.15
+    found = mapped(np.where(at_an_edge, np.nan, depth_of_block()))
+    p_cam = np.array([T_WORLD_CAM.transformTo(x) for x in found.p_world])
+    u, v = CAMERA.project(p_cam).round().astype(int).T
+    u, v = np.clip(u, 0, CAMERA.width - 1), np.clip(v, 0, CAMERA.height - 1)
+    near, far = cv2.erode(exact, wide)[v, u], cv2.dilate(exact, wide)[v, u]
+    above_floor = found.p_world[:, 2] > 0.05
+    in_the_air = above_floor & (p_cam[:, 2] > near + 0.06) & (p_cam[:, 2] < far - 0.06)
+    assert in_the_air.sum() > 500 and found.surface[in_the_air].mean() < 0.01
+
+
+def test_a_map_near_a_point_is_finer_and_agrees():
+    depth = depth_of_block(BAR)
+    config = MapConfig().near(BAR, 0.15, 0.01)
+    fine = map_from_frame(frame(depth), Q_HOME, 0.0, config)
+    assert np.abs(fine.p_world - BAR).max() < 0.16 and fine.voxel_m == 0.01
+    obstacle = fine.obstacle(fine.surface)
+    assert obstacle is not None and gaps(obstacle, BAR) == []
+    assert not touches(obstacle, BAR - [0.05, 0.0, 0.0], 0.005)  # the coarse one is padded so far
+    below = MapConfig().near(np.array([0.5, 0.0, -1.0]), 0.1, 0.01)
+    assert map_from_frame(frame(depth), Q_HOME, 0.0, below).obstacle() is None
+
+
+def test_what_lies_before_the_palm_is_left_out_for_the_hand():
     face = MIDDLE - [HALF[0], 0.0, 0.0]
     R = gtsam.Rot3(np.array([[0, 0, 1.0], [0, 1.0, 0], [-1.0, 0, 0]]))  # z into the face
     room = GraspRoom(gtsam.Pose3(R, face - [0.03, 0.0, 0.0]), radius_m=0.14, ahead_m=0.04)
     points = face + np.array([[0, 0, 0], [0, 0.13, 0], [0, 0, 0.15], [-0.06, 0, 0], [-0.08, 0, 0]])
     np.testing.assert_array_equal(room.holds(points), [True, True, False, True, False])
-    rest = found.obstacle(room)
-    assert rest is not None and rest.geometry.size() < found.obstacle().geometry.size()
-    assert ObstacleMap(face[None], 0.02).obstacle(room) is None
+
+
+def test_chosen_voxels_alone_are_an_obstacle():
+    found = mapped(depth_of_block())
+    whole, some = found.obstacle(), found.obstacle(found.surface)
+    assert whole is not None and some is not None
+    assert 0 < some.geometry.size() < whole.geometry.size()
+    assert found.obstacle(np.zeros(len(found.p_world), dtype=bool)) is None
 
 
 def test_the_robot_knows_the_floor_and_its_pedestal():

@@ -12,7 +12,7 @@ from akm_fg.errors import InputError
 from sim.bullet import p
 from sim.collision import FINGERS, ArmCollisions
 from sim.episode import open_world
-from sim.franka import FrankaConfig
+from sim.franka_config import FrankaConfig
 from sim.reaching import ReachConfig, choose_grasp_configuration
 from sim.suites.catalogue import SUITES, find_suite, load_spec
 from sim.suites.finishes import textures
