@@ -3,7 +3,8 @@
 `$XDG_CACHE_HOME/akm-fg`, or `~/.cache/akm-fg`, or the temporary folder where there is no home.
 An entry is a folder that is made beside its place and renamed into it when it is whole: an
 interruption leaves no half entry, and of several processes that make the same one, the first
-wins. The folder may be deleted at any time.
+wins. What nobody has used for a month goes when something new is made. The folder may be deleted
+at any time.
 """
 
 from __future__ import annotations
@@ -23,6 +24,7 @@ LOG = logging.getLogger(__name__)
 
 SCRATCH = ".making-"  # names of entries that are not whole yet begin so
 STALE_S = 24 * 3600.0  # what was not finished by then never will be
+UNUSED_S = 30 * 24 * 3600.0  # an entry lives so long after its last use
 # Besides our own code, what decides what an object's files and its place look like.
 DEPENDENCIES = ("numpy", "scipy", "scene_synthesizer", "trimesh", "pin", "coacd", "gtsam")
 
@@ -48,7 +50,7 @@ def kept(name: str, make: Callable[[Path], None]) -> Path:
         Exception: whatever `make` raises; nothing is kept then.
     """
     target = cache_folder() / name
-    if target.is_dir():
+    if _used(target):
         return target
     _sweep(target.parent)
     scratch = Path(tempfile.mkdtemp(prefix=SCRATCH, dir=target.parent))
@@ -87,12 +89,22 @@ def _version(name: str) -> str:
         return "none"
 
 
+def _used(entry: Path) -> bool:
+    """Whether there is such an entry; its time of last use is now."""
+    try:
+        os.utime(entry)
+    except OSError:
+        return entry.is_dir()  # there, but somebody else's
+    return True
+
+
 def _sweep(folder: Path) -> None:
-    """Removes what killed processes left unfinished."""
-    for left in folder.glob(f"{SCRATCH}*"):
+    """Removes what killed processes left unfinished, and what has not been used for long."""
+    for entry in folder.iterdir():
+        lives_s = STALE_S if entry.name.startswith(SCRATCH) else UNUSED_S
         try:
-            stale = time.time() - left.stat().st_mtime > STALE_S
+            old = time.time() - entry.stat().st_mtime > lives_s
         except OSError:  # it was renamed or removed meanwhile
             continue
-        if stale:
-            shutil.rmtree(left, ignore_errors=True)
+        if old:
+            shutil.rmtree(entry, ignore_errors=True)

@@ -53,6 +53,7 @@ PACKAGES = (
     Package("daqp", "daqp", "akm-fg demo (extra: sim)", True),
     Package("ompl", "ompl.geometric", "akm-fg demo (extra: sim)", True),
     Package("scene_synthesizer", "scene_synthesizer", "akm-fg demo (extra: sim)", True),
+    Package("coacd", "coacd", "one's own URDFs (extra: sim)", True),
 )
 
 

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from sim.cache import SCRATCH, STALE_S, cache_folder, digest, kept
+from sim.cache import SCRATCH, STALE_S, UNUSED_S, cache_folder, digest, kept
 from sim.kinematics import FrankaKinematics
 from sim.object_record import RECORD, read_record, spec_text, write_record
 from sim.staging import build_and_place, find_spec, stage
@@ -72,6 +72,15 @@ def test_what_killed_processes_left_is_removed_after_a_day(own_cache: Path):
     os.utime(old, (yesterday, yesterday))
     kept("entry", lambda folder: None)
     assert sorted(p.name for p in own_cache.iterdir()) == sorted([young.name, "entry"])
+
+
+def test_what_nobody_used_for_long_goes_and_what_is_used_stays(own_cache: Path):
+    long_ago = time.time() - UNUSED_S - 60.0
+    for name in ("used", "unused"):
+        os.utime(kept(name, lambda folder: None), (long_ago, long_ago))
+    kept("used", lambda folder: None)
+    kept("new", lambda folder: None)
+    assert sorted(path.name for path in own_cache.iterdir()) == ["new", "used"]
 
 
 def test_a_digest_tells_where_one_part_ends():
