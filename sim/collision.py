@@ -131,18 +131,35 @@ def inside_arm(p_world: FloatArray, q: FloatArray, slack_m: float) -> BoolArray:
 
     The hulls' faces are moved outwards by `slack_m`. The base, which never moves, is left out.
     """
-    model, hulls = _robot()
-    data, places = model.createData(), hulls.createData()
-    fingers = np.full(model.nq - N_ARM, 0.04)
-    pin.updateGeometryPlacements(model, data, hulls, places, np.concatenate([q, fingers]))
     inside = np.zeros(len(p_world), dtype=bool)
-    for placement, (lower, upper, faces) in zip(list(places.oMg)[1:], _solids(), strict=True):
+    for placement, (corners, faces) in zip(_placements(q), _solids(), strict=True):
+        lower, upper = corners.min(axis=0), corners.max(axis=0)
         p_link = (p_world - placement.translation) @ placement.rotation
         near = np.all((p_link > lower - slack_m) & (p_link < upper + slack_m), axis=1)
         near = np.flatnonzero(near & ~inside)
         outside_by = p_link[near] @ faces[:, :3].T + faces[:, 3]
         inside[near] = outside_by.max(axis=1, initial=-np.inf) < slack_m
     return inside
+
+
+def arm_corners(q: FloatArray) -> list[FloatArray]:
+    """The corners (K, 3), world, of the hull of each of the arm's parts at joint angles (7,).
+
+    The base, which never moves, is left out.
+    """
+    return [
+        corners @ placement.rotation.T + placement.translation
+        for placement, (corners, _) in zip(_placements(q), _solids(), strict=True)
+    ]
+
+
+def _placements(q: FloatArray) -> list[pin.SE3]:
+    """Of the hulls at joint angles (7,), fingers open, without the base's; in the world."""
+    model, hulls = _robot()
+    data, places = model.createData(), hulls.createData()
+    fingers = np.full(model.nq - N_ARM, 0.04)
+    pin.updateGeometryPlacements(model, data, hulls, places, np.concatenate([q, fingers]))
+    return list(places.oMg)[1:]
 
 
 @functools.cache
@@ -165,10 +182,10 @@ def _robot() -> tuple[pin.Model, pin.GeometryModel]:
 
 
 @functools.cache
-def _solids() -> list[tuple[FloatArray, FloatArray, FloatArray]]:
-    """Of each hull but the base's: lower, upper corner (3,) and faces (F, 4), normal and offset."""
+def _solids() -> list[tuple[FloatArray, FloatArray]]:
+    """Of each hull but the base's: corners (K, 3) and faces (F, 4), normal and offset."""
     result = []
     for shape in list(_robot()[1].geometryObjects)[1:]:
         corners = np.array([shape.geometry.point(i) for i in range(shape.geometry.num_points)])
-        result.append((corners.min(axis=0), corners.max(axis=0), ConvexHull(corners).equations))
+        result.append((corners, ConvexHull(corners).equations))
     return result

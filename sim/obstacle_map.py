@@ -21,7 +21,7 @@ from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
 from akm_fg.records import BoolArray, FloatArray, RgbdFrame
-from sim.collision import Obstacle, inside_arm
+from sim.collision import Obstacle, arm_corners, inside_arm
 
 FLOOR_M = 6.0  # side of the floor: more than the arm can reach
 PEDESTAL_M = (0.3, 0.3)  # of the block under the robot's base
@@ -80,7 +80,7 @@ def map_from_frame(
     lower[2] = max(lower[2], floor_m)
     count = np.ceil((np.array(config.upper_m) - lower) / config.voxel_m).astype(int)
     axes = [lower[i] + config.voxel_m * (np.arange(max(count[i], 0)) + 0.5) for i in range(3)]
-    occupied, surface = _occupied(axes, frame, config)
+    occupied, surface = _occupied(axes, frame, q, config)
     shell = _shell(occupied)
     if inside_arm(_middles(axes, shell), q, config.carve_m).any():
         index = np.argwhere(occupied)
@@ -96,7 +96,7 @@ def _middles(axes: list[FloatArray], chosen: BoolArray) -> FloatArray:
 
 
 def _occupied(
-    axes: list[FloatArray], frame: RgbdFrame, config: MapConfig
+    axes: list[FloatArray], frame: RgbdFrame, q: FloatArray, config: MapConfig
 ) -> tuple[BoolArray, BoolArray]:
     """(X, Y, Z) where a voxel may be occupied; (X, Y, Z) where that is because a surface is in it.
 
@@ -115,7 +115,7 @@ def _occupied(
     u = np.rint(camera.fx * x / ahead + camera.cx).astype(np.int32)
     v = np.rint(camera.fy * y / ahead + camera.cy).astype(np.int32)
     seen = (z > config.voxel_m) & (u >= 0) & (u < camera.width) & (v >= 0) & (v < camera.height)
-    nearest, surfaces = _surfaces(frame, config)
+    nearest, surfaces = _surfaces(frame, _arm_in_picture(frame, q), config)
     slack = np.float32(config.voxel_m * np.sqrt(3.0) / 2.0)  # half a voxel's diagonal
     occupied, surface = np.zeros(z.shape, dtype=bool), np.zeros(z.shape, dtype=bool)
     z, pixels = z[seen], (v[seen], u[seen])
@@ -127,8 +127,19 @@ def _occupied(
     return occupied, surface & occupied
 
 
+def _arm_in_picture(frame: RgbdFrame, q: FloatArray) -> BoolArray:
+    """(H, W) where the arm at joint angles (7,) hides what is behind it."""
+    picture = np.zeros(frame.depth_m.shape, dtype=np.uint8)
+    for corners in arm_corners(q):
+        p_cam = frame.T_world_cam.transformTo(corners.T).T
+        if (p_cam[:, 2] > 0.0).all():  # of what convex bodies show, the outline is convex
+            outline = cv2.convexHull(frame.camera.project(p_cam).round().astype(np.int32))
+            cv2.fillConvexPoly(picture, outline, 1)
+    return picture.astype(bool)
+
+
 def _surfaces(
-    frame: RgbdFrame, config: MapConfig
+    frame: RgbdFrame, arm: BoolArray, config: MapConfig
 ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
     """What each pixel shows within half a voxel's width, as depths.
 
@@ -144,7 +155,7 @@ def _surfaces(
         nothing = np.full((4, *depth.shape), np.inf, dtype=np.float32)
         return nothing[0], nothing[1:]
     nearness = np.divide(1.0, depth, out=np.zeros(depth.shape, dtype=np.float32), where=known)
-    bridged, in_a_face = _bridged(nearness, known, config.one_face)
+    bridged, in_a_face = _bridged(nearness, known, arm, config.one_face)
     smooth = _with_thin_things(cv2.medianBlur(bridged, config.median_px), nearness, config)
     half_px = 0.5 * config.voxel_m * frame.camera.fx * float(np.median(nearness[known]))
     window = np.ones((2 * int(np.ceil(half_px)) + 1,) * 2, dtype=np.uint8)
@@ -183,20 +194,22 @@ def _with_thin_things(
 
 
 def _bridged(
-    nearness: NDArray[np.float32], known: BoolArray, one_face: float
+    nearness: NDArray[np.float32], known: BoolArray, arm: BoolArray, one_face: float
 ) -> tuple[NDArray[np.float32], BoolArray]:
     """1 / depth (H, W) with holes and the robot's silhouette bridged.
 
     Along rows and along columns, linearly from the last known pixel to the next: exact for planes.
-    The farther of both counts, because a bridge from a near edge to a far wall is a phantom. Second
-    comes (H, W) where there was no hole, or where one in a face was bridged: both ways agree to a
-    share of `one_face`, and so do neighbours.
+    Where the camera lost something, the farther of both counts: a bridge from a near edge to a far
+    wall is a phantom. Where the arm (H, W) hides something, the nearer: it may be the object.
+    Second comes (H, W) where there was no hole, or where one in a face was bridged: both ways agree
+    to a share of `one_face`, and so do neighbours.
     """
     rows, columns = np.nonzero(~known)
     along_rows = _between(nearness, known, rows, columns)
     along_columns = _between(nearness.T, known.T, columns, rows)
     result, in_a_face = nearness.copy(), known.copy()
-    result[rows, columns] = np.nan_to_num(np.fmin(along_rows, along_columns))
+    farther, nearer = np.fmin(along_rows, along_columns), np.fmax(along_rows, along_columns)
+    result[rows, columns] = np.nan_to_num(np.where(arm[rows, columns], nearer, farther))
     agree = np.abs(along_rows - along_columns) < one_face * along_rows
     beside = np.ones((3, 3), dtype=np.uint8)
     flat = cv2.dilate(result, beside) - cv2.erode(result, beside) < one_face * result

@@ -10,9 +10,15 @@ import pytest
 
 from akm_fg.records import PinholeCamera, RgbdFrame
 from sim.collision import ArmCollisions, Obstacle
-from sim.kinematics import Q_HOME, FrankaKinematics
+from sim.kinematics import Q_HOME, Q_MAX, Q_MIN, FrankaKinematics
 from sim.noise import NOISE_LEVELS, noisy_depth
-from sim.obstacle_map import MapConfig, ObstacleMap, map_from_frame, own_surroundings
+from sim.obstacle_map import (
+    MapConfig,
+    ObstacleMap,
+    _arm_in_picture,
+    map_from_frame,
+    own_surroundings,
+)
 from sim.reaching import ReachConfig
 from sim.surroundings import GraspRoom
 from sim.views import look_at
@@ -165,6 +171,27 @@ def test_behind_the_robots_silhouette_a_face_goes_on():
     depth[v - 20 : v + 20, u - 25 : u + 20] = np.nan
     assert touches(seen(depth), left, 0.02)
     assert not touches(seen(depth), left - [0.0, 0.05, 0.0], 1e-3)
+
+
+def test_what_the_arm_hides_may_be_more_of_the_object():
+    """The arm before a corner of the block, its lower part in view: the block may go on behind."""
+    corner = MIDDLE + HALF * np.array([-1.0, -1.0, 1.0])
+    points = corner + np.array([[0.0, 0.0, 0.0], [0.0, 0.0, 0.03], [0.0, 0.0, -0.12]])
+    u, v = CAMERA.project(T_WORLD_CAM.transformTo(points.T).T).round().astype(int).T
+    rng, exact = np.random.default_rng(0), depth_of_block()
+    away = Q_HOME + 2.0 * np.eye(7)[0]  # not in the picture: the same gap, made by the sensor
+    config, inside = MapConfig(carve_m=0.0), points[0] - [0.0, 0.0, 0.02]
+    by_arm, by_sensor = [], []
+    for q in rng.uniform(Q_MIN, Q_MAX, (1000, 7)):
+        arm = _arm_in_picture(frame(exact), q)
+        if list(arm[v, u]) == [True, True, False]:
+            torn = frame(np.where(arm, np.nan, exact))
+            for result, q_map in ((by_arm, q), (by_sensor, away)):
+                obstacle = map_from_frame(torn, q_map, 0.0, config).obstacle()
+                assert obstacle is not None
+                result.append(touches(obstacle, inside, 0.03))
+    assert len(by_arm) >= 10 and all(by_arm)
+    assert not all(by_sensor)
 
 
 def test_a_bridge_from_a_near_edge_to_a_far_wall_is_no_wall_between():
