@@ -37,7 +37,7 @@ class WorldConfig:
     # Of each contact point of a pad, stiff and damped enough that the force hardly jumps when the
     # number of points changes: the URDF's 3e4 N/m and 1e3 N s/m press pads in by 2.4 mm and do.
     pad_stiffness_n_m: float = 1e6
-    pad_damping_n_s_m: float = 5e3
+    pad_damping_n_s_m: float = 2e4
 
 
 ROOM_CELL_M = 1.5  # side of a cell of floor and walls
