@@ -12,7 +12,10 @@ are sampled, the states integrated out:
 - given joint and spread the arcs are Gaussian, one Gauss-Newton step from their mean;
 - importance sampling from a Student-t that adapts to its own samples (population Monte Carlo;
   Cappe et al., 2004) over `joint_chart` and log spread. The draws are a fixed low-discrepancy
-  set: the same data give the same answer.
+  set: the same data give the same answer;
+- where the samples never come to match (several shapes of the motion explain the data), those that
+  the next proposal would be made from answer: flattened, so rather too wide than too narrow;
+- the covariance is such that its 95 % ellipsoid holds 95 % of the samples: tails are heavy.
 """
 
 from __future__ import annotations
@@ -38,7 +41,8 @@ _WIDER = 1.15  # the proposal over its samples
 _PASSES = 6
 _ENOUGH = 0.5  # effective share of the samples that ends the passes
 _LEARNABLE = 0.2  # the share that the next proposal is made from
-_TOO_FEW = 0.1  # with less the samples are no better than Laplace's method
+_TOO_FEW = 0.1  # with less the samples tell of the few that weigh most, not of the posterior
+_REGION = 0.95  # of the posterior is to lie in the ellipsoid of that probability
 
 
 @dataclass(frozen=True, slots=True)
@@ -108,7 +112,7 @@ def sampled(fit: KindFit, problem: FitProblem) -> KindFit:
         return fit
     samples = _sample(chart, cov, _data(fit, problem, chart))
     if samples.effective < _TOO_FEW:
-        return fit
+        samples = samples.flattened()
     return _with_moments(fit, chart, samples)
 
 
@@ -242,6 +246,7 @@ def _with_moments(fit: KindFit, chart: JointChart, samples: _Samples) -> KindFit
     cov = off.T @ (weights[:, None] * off)
     within = np.linalg.inv(samples.states.precision)
     cov[k:, k:] += np.einsum("s,sij->ij", weights * per_arc**2, within)
+    cov *= _heavier_tails(off[:, :k], cov[:k, :k], weights)
     T_world_joint, by_chart = chart.frame(mean[:k])
     J = np.eye(mean.size)
     J[:k, :k] = by_chart
@@ -254,3 +259,17 @@ def _with_moments(fit: KindFit, chart: JointChart, samples: _Samples) -> KindFit
         cov=J @ cov @ J.T,
         x_joint=T_new_old[:3, :3] @ fit.x_joint + T_new_old[:3, 3:],
     )
+
+
+def _heavier_tails(off: FloatArray, cov: FloatArray, weights: FloatArray) -> float:
+    """By how much a covariance has to grow for its ellipsoid to hold what it should; at least 1.
+
+    Args:
+        off: (S, k) samples from their mean.
+        cov: (k, k) their covariance.
+        weights: (S,) theirs, with the sum one.
+    """
+    squared = np.einsum("si,si->s", off, np.linalg.solve(cov, off.T).T)
+    order = np.argsort(squared)
+    reached = np.interp(_REGION, np.cumsum(weights[order]), squared[order])
+    return max(1.0, float(reached / special.chdtri(off.shape[1], 1 - _REGION)))
