@@ -134,7 +134,7 @@ def test_all_methods_on_a_rendered_recording(tmp_path):
     pytest.importorskip("torch")
     from experiments.rendered_recordings import RecordingConfig, record
 
-    record("furniture-dev/drawer-001", RecordingConfig(frames=8), tmp_path / "drawer-001")
+    record("furniture-dev/drawer-004", RecordingConfig(frames=8), tmp_path / "drawer-004")  # wood
     config = DenseGainConfig(tmp_path, starts=4, out=tmp_path / "rows")
     assert run(config) == 5
     rows = read_rows(config.out)
