@@ -36,7 +36,7 @@ class MapConfig:
     lower_m: tuple[float, float, float] = (-0.30, -0.96, -0.62)  # corners of what is mapped:
     upper_m: tuple[float, float, float] = (1.00, 0.96, 1.14)  # what the arm can reach, in front
     median_px: int = 5  # side of the window that smooths depth
-    one_face: float = 0.06  # share by which depths differ within a voxel's width of one face
+    one_face: float = 0.06  # share by which two bridges over a hole in one face differ
     support_px: int = 4  # known pixels of it that must be as near for a thin thing to be there
     carve_m: float = 0.05  # around the arm, which is where it is
 
@@ -101,8 +101,8 @@ def _occupied(
     """(X, Y, Z) where a voxel may be occupied; (X, Y, Z) where that is because a surface is in it.
 
     A voxel's middle is compared with the surfaces that its width in the picture covers: behind the
-    nearest it may be occupied. A surface is in it near the nearest, the middle or the farthest of
-    them, and between where they belong to one slanting face.
+    nearest it may be occupied, near the nearest, the middle or the farthest of them a surface is in
+    it.
     """
     camera, T = frame.camera, frame.T_world_cam
     R, eye = T.rotation().matrix(), T.translation()
@@ -120,10 +120,7 @@ def _occupied(
     occupied, surface = np.zeros(z.shape, dtype=bool), np.zeros(z.shape, dtype=bool)
     z, pixels = z[seen], (v[seen], u[seen])
     occupied[seen] = z > nearest[pixels] - slack
-    near, own, far = surfaces[:, *pixels]
-    one_face = (far < (1.0 + config.one_face) * near) & (near < z) & (z < far)
-    at_one = [np.abs(z - depth) < slack for depth in (near, own, far)]
-    surface[seen] = np.logical_or.reduce([one_face, *at_one])
+    surface[seen] = (np.abs(z - surfaces[:, *pixels]) < slack).any(axis=0)
     return occupied, surface & occupied
 
 
