@@ -209,7 +209,11 @@ class SimFranka:
         self, T_world_grasp: gtsam.Pose3, choice: GraspConfiguration
     ) -> Iterator[FloatArray]:
         c, T = self.config, T_world_grasp
-        speed_m_s = c.unseen_m_s if choice.unseen else c.approach_m_s
+        turn_rad = max(float(np.abs(choice.q_grasp - choice.q_pregrasp).max()), 1e-6)
+        speed_m_s = min(
+            c.unseen_m_s if choice.unseen else c.approach_m_s,
+            c.approach_rad_s * choice.standoff_m / turn_rad,
+        )
         yield from self._straight(T, choice.standoff_m, c.guarded_m, speed_m_s, c.blocked_m)
         yield from self._straight(T, c.guarded_m, 0.0, c.guarded_m_s, c.blocked_m)
         yield from self._stay(T.matrix(), c.settle_s)

@@ -28,6 +28,7 @@ class FrankaConfig:
     track: TrackConfig = field(default_factory=TrackConfig)
     gripper: GripperConfig = field(default_factory=GripperConfig)
     approach_m_s: float = 0.08  # straight, before contact
+    approach_rad_s: float = 0.3  # of any joint, on average: near a singularity the hand lags behind
     unseen_m_s: float = 0.03  # there where the camera could not look
     met_rad: float = 0.05  # of a joint behind its reference in free motion: it has met something
     blocked_m: float = 0.012  # behind its reference on the approach: the hand has met something

@@ -166,20 +166,21 @@ def test_a_hand_that_meets_something_unexpected_stops(
         assert recorder.motion().usage().torque < 1.0
 
 
-def test_where_the_camera_could_not_look_the_hand_goes_slowly():
+def test_the_hand_goes_slowly_where_nobody_could_look_and_where_joints_turn_far():
     """Counted in control steps, with an arm that stands still."""
     config = FrankaConfig(blocked_m=np.inf)
+    far = GraspConfiguration(Q_HOME, Q_HOME + 0.9 * np.eye(7)[2], 0.1)
+    seen, unseen = (GraspConfiguration(Q_HOME, Q_HOME, 0.1, unseen) for unseen in (False, True))
     with open_world("drawer", seed=1, noise="clean", franka_config=config) as episode:
         arm = episode.arm
         arm.measured_joints()
         grasp = arm.T_world_gripper()
-        steps = [
-            sum(1 for _ in arm._approach(grasp, GraspConfiguration(Q_HOME, Q_HOME, 0.1, unseen)))
-            for unseen in (False, True)
-        ]
+        times_s = [1e-3 * sum(1 for _ in arm._approach(grasp, x)) for x in (seen, unseen, far)]
     way_m = 0.1 - config.guarded_m
-    slower_s = way_m / config.unseen_m_s - way_m / config.approach_m_s
-    assert 1e-3 * (steps[1] - steps[0]) == pytest.approx(slower_s, abs=0.3)
+    speeds_m_s = (config.unseen_m_s, config.approach_rad_s * 0.1 / 0.9)
+    for time_s, speed_m_s in zip(times_s[1:], speeds_m_s, strict=True):
+        slower_s = way_m / speed_m_s - way_m / config.approach_m_s
+        assert time_s - times_s[0] == pytest.approx(slower_s, abs=0.3)
 
 
 def test_what_is_out_of_reach_is_infeasible():
