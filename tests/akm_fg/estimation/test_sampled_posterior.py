@@ -163,6 +163,42 @@ def test_a_vague_joint_is_wider_than_laplace_says_and_the_same_every_time(vague)
     )
 
 
+def test_where_no_samples_match_the_posterior_the_answer_is_wider_not_laplaces():
+    """Ten tracks of five degrees in a centimetre of noise: the axis is a radian off Laplace's."""
+    truth = make_opening([74, 9], "revolute", np.deg2rad(5), 10, noise_m=0.01, claimed_m=0.01)
+    fit, problem = _fit(truth, "revolute")
+    better = sampled(fit, problem)
+    assert better is not fit
+    sd, sd_before = (np.sqrt(np.diag(x.joint_cov)[:2]) for x in (better, fit))
+    assert np.linalg.norm(sd) > 2 * np.linalg.norm(sd_before)
+
+
+def test_covariances_grow_by_their_samples_heavy_tails(vague, monkeypatch):
+    _, fit, problem = vague
+    covs = []
+    for factor in (1.0, 4.0):
+        monkeypatch.setattr(sampling, "_heavier_tails", lambda *_, factor=factor: factor)
+        covs.append(sampled(fit, problem).cov)
+    assert_allclose(covs[1], 4 * covs[0], rtol=1e-12)
+
+
+@pytest.mark.parametrize("dof", [4, np.inf])
+def test_an_ellipsoid_holds_the_share_of_the_samples_that_it_says(dof):
+    rng, n, k = np.random.default_rng(0), 20_000, 4
+    stretch = np.array([[2.0, 0, 0, 0], [1, 1, 0, 0], [0, 0, 0.1, 0], [0, 3, 0, 1]])
+    scale = np.ones(n) if np.isinf(dof) else np.sqrt(dof / rng.chisquare(dof, n))
+    off = rng.normal(size=(n, k)) * scale[:, None] @ stretch
+    weights = rng.uniform(0.5, 1.5, n)
+    weights /= weights.sum()
+    cov = off.T @ (weights[:, None] * off)
+    factor = sampling._heavier_tails(off, cov, weights)
+    squared = np.einsum("si,ij,sj->s", off, np.linalg.inv(factor * cov), off)
+    held = weights @ (squared <= stats.chi2.ppf(0.95, k))
+    assert factor == pytest.approx(1.0, abs=0.03) if np.isinf(dof) else factor > 1.0
+    assert held == pytest.approx(0.95, abs=0.01)
+    assert sampling._heavier_tails(0.5 * off, cov, weights) == 1.0  # never less
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize(("points", "noise_m"), [(10, 0.01), (40, 0.01), (10, 0.003)])
 def test_regions_of_short_noisy_openings_hold_the_truth(points, noise_m):
