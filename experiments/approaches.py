@@ -25,11 +25,13 @@ import numpy as np
 
 from akm_fg.errors import GraspFailed, MotionInfeasible
 from akm_fg.records import FloatArray
+from experiments.json_lines import append_line, whole_lines
 from sim.bullet import joint_index, p
 from sim.camera import CameraConfig, SimCamera
 from sim.collision import ArmCollisions
 from sim.franka import SimFranka
 from sim.kinematics import Q_MAX, Q_MIN
+from sim.limits import LimitUsage
 from sim.suites.catalogue import SUITES
 from sim.true_obstacles import true_obstacles
 from sim.views import camera_pose, sample_view
@@ -164,7 +166,7 @@ def report(rows: list[ApproachRow]) -> str:
     """The counts that the decision's table has, a line each."""
     moved = [row for row in rows if row.infeasible is None]
     clear = [row for row in moved if not row.touched]
-    within = [row for row in moved if row.limits_used and _within(row.limits_used)]
+    within = [row for row in moved if row.limits_used and LimitUsage(**row.limits_used).within]
     near = [row.closest_mm for row in moved if row.closest_mm is not None]
     off = [row.off_mm for row in moved if row.off_mm is not None]
     plans = np.array([row.plan_s for row in rows])
@@ -186,11 +188,6 @@ def report(rows: list[ApproachRow]) -> str:
     return "\n".join(lines)
 
 
-def _within(used: dict[str, float]) -> bool:
-    shares = (share for name, share in used.items() if name != "position_margin_rad")
-    return used["position_margin_rad"] >= 0.0 and max(shares) <= 1.0 + 1e-6
-
-
 def reason(infeasible: str | None) -> str:
     """The kind of a failure, without its numbers and names."""
     known = (
@@ -205,10 +202,7 @@ def reason(infeasible: str | None) -> str:
 
 def read_rows(path: Path) -> list[ApproachRow]:
     """What an earlier run wrote; nothing where there is none."""
-    if not path.exists():
-        return []
-    lines = path.read_text(encoding="utf-8").splitlines()
-    return [ApproachRow(**json.loads(line)) for line in lines]
+    return [ApproachRow(**data) for _, data in whole_lines(path)]
 
 
 def main(argv: list[str] | None = None) -> int:
@@ -219,17 +213,14 @@ def main(argv: list[str] | None = None) -> int:
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--out", type=Path, default=Path("runs/approaches.jsonl"))
     arguments = parser.parse_args(argv)
-    arguments.out.parent.mkdir(parents=True, exist_ok=True)
     rows = read_rows(arguments.out)
     done = {row.trial for row in rows}
     trials = range(arguments.first, arguments.first + arguments.trials)
-    with arguments.out.open("a", encoding="utf-8") as stream:
-        for trial in (trial for trial in trials if trial not in done):
-            rows.append(run_trial(trial, arguments.seed))
-            stream.write(json.dumps(dataclasses.asdict(rows[-1])) + "\n")
-            stream.flush()
-            said = rows[-1].infeasible or rows[-1].touched or "clear"
-            print(f"[{trial}] {rows[-1].object}: {said}", file=sys.stderr, flush=True)
+    for trial in (trial for trial in trials if trial not in done):
+        rows.append(run_trial(trial, arguments.seed))
+        append_line(arguments.out, json.dumps(dataclasses.asdict(rows[-1])))
+        said = rows[-1].infeasible or rows[-1].touched or "clear"
+        print(f"[{trial}] {rows[-1].object}: {said}", file=sys.stderr, flush=True)
     print(report(rows))
     return 1 if any(row.touched for row in rows) else 0
 

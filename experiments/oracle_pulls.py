@@ -27,6 +27,7 @@ import numpy as np
 
 from akm_fg.errors import AkmError
 from akm_fg.records import TimedPath
+from experiments.json_lines import append_line, whole_lines
 from experiments.provenance import note_run
 from experiments.statistics import share
 from experiments.tables import markdown, percent
@@ -148,11 +149,7 @@ class _Trial:
 def read_rows(file: Path) -> list[PullRow]:
     """The rows so far; a line that an interruption left unfinished is left out."""
     rows = []
-    for line in file.read_text(encoding="utf-8").splitlines() if file.exists() else []:
-        try:
-            data = json.loads(line)
-        except json.JSONDecodeError:
-            continue
+    for _, data in whole_lines(file):
         for key in ("usage", "usage_filtered"):
             data[key] = LimitUsage(**data[key]) if data[key] else None
         rows.append(PullRow(**data | {"touched": tuple(data["touched"])}))
@@ -161,10 +158,7 @@ def read_rows(file: Path) -> list[PullRow]:
 
 def append_row(file: Path, row: PullRow) -> None:
     """Add a row, after a line that an interruption may have left unfinished."""
-    file.parent.mkdir(parents=True, exist_ok=True)
-    whole = not file.exists() or file.read_bytes()[-1:] in (b"", b"\n")
-    with file.open("a", encoding="utf-8") as stream:
-        stream.write(("" if whole else "\n") + json.dumps(asdict(row)) + "\n")
+    append_line(file, json.dumps(asdict(row)))
 
 
 def table(rows: list[PullRow]) -> str:

@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import json
-import logging
 import math
-import os
 import sys
 import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -16,9 +14,8 @@ import numpy as np
 
 from akm_fg.records import JointTruth
 from experiments.answers import Answer
+from experiments.json_lines import append_line, whole_lines
 from experiments.scoring import Consistency, Errors, brier_score, consistency_of, errors_of
-
-log = logging.getLogger(__name__)
 
 _SAY_EVERY_S = 10.0
 
@@ -103,13 +100,7 @@ def trial_row(key: Key, truth: JointTruth, answer: Answer, cpu_s: float | None) 
 
 def append_row(file: Path, row: TrialRow) -> None:
     """Add a row in one write, after a line that an interruption may have left unfinished."""
-    file.parent.mkdir(parents=True, exist_ok=True)
-    text = json.dumps(_without_nan(asdict(row)), allow_nan=False) + "\n"
-    with file.open("ab+") as stream:
-        if stream.tell() > 0:
-            stream.seek(-1, os.SEEK_END)
-            text = text if stream.read() == b"\n" else "\n" + text
-        stream.write(text.encode())
+    append_line(file, json.dumps(_without_nan(asdict(row)), allow_nan=False))
 
 
 def read_rows(folder: Path) -> list[TrialRow]:
@@ -122,12 +113,7 @@ def read_rows(folder: Path) -> list[TrialRow]:
     """
     rows: dict[Key, TrialRow] = {}
     for file in sorted(folder.glob("*.jsonl")):
-        for number, line in enumerate(file.read_text(encoding="utf-8").splitlines(), 1):
-            try:
-                data = json.loads(line)
-            except json.JSONDecodeError:
-                log.warning("%s:%d is not a whole row and is left out", file, number)
-                continue
+        for number, data in whole_lines(file):
             row = _row_of(data, f"{file}:{number}")
             rows[row.key] = row
     return [rows[key] for key in sorted(rows)]

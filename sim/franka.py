@@ -14,10 +14,7 @@ from sim.drive import ArmDrive
 from sim.franka_config import FrankaConfig
 from sim.free_motion import RrtConnectPlanner, timed_motion
 from sim.gripper import SimGripper
-from sim.impedance import (
-    cartesian_torques,
-    joint_impedance,
-)
+from sim.impedance import cartesian_torques, joint_impedance
 from sim.kinematics import N_ARM, Q_HOME, pose_error
 from sim.limits import MotionRecorder
 from sim.pulling import Pull

@@ -184,9 +184,7 @@ def _with_thin_things(
     with np.errstate(divide="ignore"):
         depth = 1.0 / nearness
         v, u = np.nonzero(depth < 1.0 / result - config.voxel_m)
-    around = np.pad(depth, config.median_px // 2, constant_values=np.inf)
-    windows = sliding_window_view(around, (config.median_px, config.median_px))[v, u]
-    as_near = windows < depth[v, u, None, None] + config.voxel_m
+    as_near = _windows(depth, v, u, config) < depth[v, u, None, None] + config.voxel_m
     there = as_near.sum(axis=(1, 2)) >= config.support_px
     result[v[there], u[there]] = nearness[v[there], u[there]]
     return result
@@ -219,11 +217,19 @@ def _supported(nearness: NDArray[np.float32], known: BoolArray, config: MapConfi
     lost_beside = cv2.dilate((~known).astype(np.uint8), np.ones((side, side), np.uint8)) > 0
     v, u = np.nonzero(known & lost_beside)
     depth = np.divide(1.0, nearness, out=np.full_like(nearness, np.inf), where=known)
-    around = np.pad(depth, side // 2, constant_values=np.inf)
-    off = np.abs(sliding_window_view(around, (side, side))[v, u] - depth[v, u, None, None])
+    off = np.abs(_windows(depth, v, u, config) - depth[v, u, None, None])
     result = known.copy()
     result[v, u] = (off < config.voxel_m).sum(axis=(1, 2)) >= config.support_px
     return result
+
+
+def _windows(
+    depth: NDArray[np.float32], v: NDArray[np.int64], u: NDArray[np.int64], config: MapConfig
+) -> NDArray[np.float32]:
+    """(N, side, side) depths about pixels, of a picture (H, W) that is infinite beyond its edge."""
+    side = config.median_px
+    around = np.pad(depth, side // 2, constant_values=np.inf)
+    return np.asarray(sliding_window_view(around, (side, side))[v, u])
 
 
 def _between(

@@ -7,7 +7,7 @@ On the straight approach hand and fingers come near to what is grasped.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import gtsam
 import numpy as np
@@ -96,28 +96,24 @@ def surroundings(
     """
     hand = (HAND, *FINGERS)
     whole = seen.everything.obstacle() if seen else None
-    approach = [*known, *(_spared(obstacle, hand) for obstacle in modelled)]
+    approach = [*known, *(replace(obstacle, spared=hand) for obstacle in modelled)]
     if whole is not None:
-        approach.append(_spared(whole, (WRIST, *hand)))
+        approach.append(replace(whole, spared=(WRIST, *hand)))
     unseen = None
     if seen is not None:
         room = GraspRoom(T_world_grasp, config.room_radius_m, config.room_ahead_m)
         surface, near = seen.near.surface, seen.near
         outside = near.obstacle(surface & ~room.holds(near.p_world))
         if outside is not None:
-            approach.append(_spared(outside, FINGERS))
+            approach.append(replace(outside, spared=FINGERS))
         hidden = near.obstacle(~surface)
         if hidden is not None:
-            unseen = ArmCollisions([_spared(hidden, FINGERS)], margin_m)
+            unseen = ArmCollisions([replace(hidden, spared=FINGERS)], margin_m)
     return Surroundings(
         ArmCollisions([*known, *modelled, *([whole] if whole else [])], margin_m),
         ArmCollisions(approach, margin_m),
         unseen,
     )
-
-
-def _spared(obstacle: Obstacle, links: tuple[str, ...]) -> Obstacle:
-    return Obstacle(obstacle.name, obstacle.geometry, obstacle.T_world_obstacle, links)
 
 
 class KnownScene:
