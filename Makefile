@@ -63,7 +63,7 @@ experiments: $(READY) peer
 	$(BIN)/python -m experiments.kind_against_travel --runs 100
 	$(BIN)/python -m experiments.kind_against_travel --method paper --runs 20
 	-$(BIN)/python -m experiments.rendered_recordings --suite furniture-116 --out runs/recordings
-	$(BIN)/python -m experiments.dense_gain --recordings runs/recordings
+	$(BIN)/python -m experiments.surface_gain --recordings runs/recordings
 	$(BIN)/python -m experiments.report
 
 lock:

@@ -21,11 +21,11 @@ import numpy as np
 from scipy.special import ndtr
 
 from akm_fg.errors import GraspFailed, InsufficientData, MotionInfeasible, TracksLost
-from akm_fg.estimation.posterior import JointPosterior, StatePosterior
 from akm_fg.interfaces import Arm, Camera
 from akm_fg.io.recording_depth import as_stored
 from akm_fg.pipeline import RecordingFit, fit_recording
 from akm_fg.planning.opening_path import HandLimits, plan_opening
+from akm_fg.posterior import JointPosterior, StatePosterior
 from akm_fg.records import FloatArray, Recording, RgbdFrame, RoundSummary
 
 log = logging.getLogger(__name__)

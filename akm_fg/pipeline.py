@@ -12,24 +12,24 @@ import numpy as np
 from akm_fg.errors import InsufficientData
 from akm_fg.estimation.config import FitConfig
 from akm_fg.estimation.fit import fit_poses, fit_surface, fit_tracks
-from akm_fg.estimation.initial_guess import JointGuess
-from akm_fg.estimation.knowledge import (
+from akm_fg.estimation.given.initial_guess import JointGuess
+from akm_fg.estimation.given.knowledge import (
     GripperPoses,
     Knowledge,
     StateKnowledge,
     noise_level_of_static,
 )
-from akm_fg.estimation.posterior import ArticulationPosterior
-from akm_fg.estimation.rigid_motion import MIN_POINTS, free_rigid_motion
+from akm_fg.geometry.rigid_motion import MIN_POINTS, free_rigid_motion
 from akm_fg.io.inputs import FitInput
 from akm_fg.io.tracks import TracksInput
-from akm_fg.perception.changed_surface import ChangedSurface
-from akm_fg.perception.depth_change import explained_share
-from akm_fg.perception.depth_motion import DepthMotion, depth_motion
-from akm_fg.perception.depth_noise import DepthNoiseModel
-from akm_fg.perception.following import following
+from akm_fg.perception.change.depth_change import explained_share
+from akm_fg.perception.change.depth_motion import DepthMotion, depth_motion
+from akm_fg.perception.depth.depth_noise import DepthNoiseModel
+from akm_fg.perception.moving_part.following import following
 from akm_fg.perception.observe import ObserveConfig, ObservedMotion, observe_motion
-from akm_fg.perception.part_surface import PartSurface
+from akm_fg.perception.surface.changed_surface import ChangedSurface
+from akm_fg.perception.surface.part_surface import PartSurface
+from akm_fg.posterior import ArticulationPosterior
 from akm_fg.records import Recording
 from factors.joint_motion import part_motion
 

@@ -6,7 +6,8 @@
     python -m experiments.accuracy_grid --part grid --method graph --runs 20
 
 Noise, travel, number of tracks, and clean, drifting or spatially correlated tracks
-(`experiments.cells`). One row a trial in OUT/METHOD.jsonl, as it ends; what is there is not done
+(`experiments.trials.cells`). One row a trial in OUT/METHOD.jsonl, as it ends; what is there is not
+done
 again, and two processes may fill one folder with different seeds. `experiments.report` makes the
 tables and figures of docs/experiments.md. A trial takes the graph 0.1 s, the paper's method 2 s,
 the peer 0.5 s.
@@ -19,10 +20,10 @@ import fnmatch
 from dataclasses import dataclass
 from pathlib import Path
 
-from experiments.cells import Cell, grid_cells, table_cells
-from experiments.provenance import note_run
-from experiments.rows import fill, keys
-from experiments.track_methods import METHODS, run_trials
+from experiments.rows.provenance import note_run
+from experiments.rows.rows import fill, keys
+from experiments.trials.cells import Cell, grid_cells, table_cells
+from experiments.trials.track_methods import METHODS, run_trials
 
 FIRST_SEED = 20_000  # nothing was tuned on seeds from here on
 

@@ -23,18 +23,18 @@ from pathlib import Path
 
 import numpy as np
 
+from akm_fg.arm.collision import ArmCollisions
+from akm_fg.arm.kinematics import Q_MAX, Q_MIN
+from akm_fg.arm.limits import LimitUsage
 from akm_fg.errors import GraspFailed, MotionInfeasible
 from akm_fg.records import FloatArray
-from experiments.json_lines import append_line, whole_lines
+from experiments.rows.json_lines import append_line, whole_lines
 from sim.bullet import joint_index, p
-from sim.camera import CameraConfig, SimCamera
-from sim.collision import ArmCollisions
-from sim.franka import SimFranka
-from sim.kinematics import Q_MAX, Q_MIN
-from sim.limits import LimitUsage
-from sim.suites.catalogue import SUITES
-from sim.true_obstacles import true_obstacles
-from sim.views import camera_pose, sample_view
+from sim.camera.camera import CameraConfig, SimCamera
+from sim.camera.views import camera_pose, sample_view
+from sim.objects.suites.catalogue import SUITES
+from sim.robot.franka import SimFranka
+from sim.robot.true_obstacles import true_obstacles
 from sim.world import SimWorld
 
 START_MARGIN_M = 0.03  # of a start from everything

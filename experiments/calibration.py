@@ -3,7 +3,7 @@
     python -m experiments.calibration --tracks runs/accuracy --recordings runs/dense-gain
 
 Runs nothing: it reads the graph's rows of `experiments.accuracy_grid` (tracks) and of
-`experiments.dense_gain` (rendered recordings, sources tracks, dense and both), and prints tables:
+`experiments.surface_gain` (rendered recordings, sources tracks, dense and both), and prints tables:
 mean NEES, 95 % coverage of axis, pivot, whole joint and last state, Brier score of the kind. Some
 seconds. `experiments.report` puts the same tables and a figure into docs/experiments.md.
 """
@@ -17,11 +17,11 @@ from pathlib import Path
 
 import numpy as np
 
-from experiments.cells import CONDITIONS, NOISES_MM, POINTS, TRAVELS, Cell
-from experiments.figures import COLOURS, dots_with_bars, new_figure, rows_named, save
-from experiments.rows import TrialRow, read_rows
-from experiments.statistics import mean_nees, share
-from experiments.tables import NoRows, grouped, markdown, of_method, percent
+from experiments.pages.figures import COLOURS, dots_with_bars, new_figure, rows_named, save
+from experiments.pages.tables import NoRows, grouped, markdown, of_method, percent
+from experiments.rows.rows import TrialRow, read_rows
+from experiments.scores.statistics import mean_nees, share
+from experiments.trials.cells import CONDITIONS, NOISES_MM, POINTS, TRAVELS, Cell
 
 ASKED_PERCENT = (92.0, 98.0)  # coverage of tracks in clean and drifting cells (issue 3)
 NOTHING = "–"

@@ -4,7 +4,8 @@
 
 Runs no estimator: it reads the graph's rows of `experiments.accuracy_grid`, makes each opening
 again from its seed, works out the bound of that very opening (true noise, true parameters, latent
-points marginalised; `experiments.bound`) and prints ratios: RMSE over the root mean square that the
+points marginalised; `experiments.trials.bound`) and prints ratios: RMSE over the root mean square
+that the
 bound allows, and, because a few far-off trials rule an RMSE, the median of each error over the
 median that its own bound allows. Both are 1 for an efficient estimator. Some seconds.
 `experiments.report` puts the table and a figure into docs/experiments.md.
@@ -19,13 +20,13 @@ from pathlib import Path
 
 import numpy as np
 
-from experiments.bound import Bound
-from experiments.bound_of_rows import bound_of
-from experiments.cells import CONDITIONS, TRAVELS, Cell
-from experiments.figures import COLOURS, dots_with_bars, new_figure, rows_named, save
-from experiments.rows import TrialRow, read_rows
-from experiments.statistics import Estimate, median, rms_ratio
-from experiments.tables import NoRows, grouped, markdown, number, of_method
+from experiments.pages.figures import COLOURS, dots_with_bars, new_figure, rows_named, save
+from experiments.pages.tables import NoRows, grouped, markdown, number, of_method
+from experiments.rows.rows import TrialRow, read_rows
+from experiments.scores.statistics import Estimate, median, rms_ratio
+from experiments.trials.bound import Bound
+from experiments.trials.bound_of_rows import bound_of
+from experiments.trials.cells import CONDITIONS, TRAVELS, Cell
 
 ASKED = 1.15  # largest ratio of RMSE in the clean cells (issue 3)
 NOTHING = "–"

@@ -16,13 +16,13 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from experiments.cells import Cell, cell_named
-from experiments.figures import COLOURS, NAMES, line_with_band, log_ticks, new_figure, save
-from experiments.provenance import note_run
-from experiments.rows import TrialRow, fill, keys
-from experiments.statistics import share
-from experiments.tables import NoRows, grouped, markdown, of_method, percent
-from experiments.track_methods import METHODS, run_trials
+from experiments.pages.figures import COLOURS, NAMES, line_with_band, log_ticks, new_figure, save
+from experiments.pages.tables import NoRows, grouped, markdown, of_method, percent
+from experiments.rows.provenance import note_run
+from experiments.rows.rows import TrialRow, fill, keys
+from experiments.scores.statistics import share
+from experiments.trials.cells import Cell, cell_named
+from experiments.trials.track_methods import METHODS, run_trials
 
 TRAVELS = (0.5, 1.0, 1.5, 2.0, 3.0, 4.0, 5.0, 7.0, 10.0, 15.0, 25.0, 40.0)  # deg and cm
 SURE = 0.95  # share of right trials from which on a kind can be told

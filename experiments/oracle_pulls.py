@@ -25,19 +25,19 @@ from typing import Literal, get_args
 
 import numpy as np
 
+from akm_fg.arm.limits import LimitUsage, MotionRecorder
 from akm_fg.errors import AkmError
 from akm_fg.records import TimedPath
-from experiments.json_lines import append_line, whole_lines
-from experiments.provenance import note_run
-from experiments.statistics import share
-from experiments.tables import markdown, percent
+from experiments.pages.tables import markdown, percent
+from experiments.rows.json_lines import append_line, whole_lines
+from experiments.rows.provenance import note_run
+from experiments.scores.statistics import share
 from sim.bullet import p
 from sim.episode import SimEpisode, open_world
-from sim.limits import LimitUsage, MotionRecorder
-from sim.placement import opened
-from sim.slip import SlipGauge
-from sim.suites.catalogue import SUITES
-from sim.true_obstacles import true_obstacles
+from sim.objects.placement import opened
+from sim.objects.suites.catalogue import SUITES
+from sim.robot.slip import SlipGauge
+from sim.robot.true_obstacles import true_obstacles
 
 Way = Literal["arc", "pull"]
 TICK_S = 0.05

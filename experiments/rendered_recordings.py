@@ -28,12 +28,12 @@ import numpy as np
 from akm_fg.errors import GraspFailed, InputError, MotionInfeasible
 from akm_fg.io.recording_writer import RecordingWriter
 from akm_fg.records import FloatArray
+from sim.camera.noise import NOISE_LEVELS
+from sim.camera.views import sample_view
 from sim.episode import SimEpisode, open_world
-from sim.noise import NOISE_LEVELS
-from sim.scripted_pull import ScriptedPull
-from sim.suites.catalogue import SUITES, Suite, find_suite
-from sim.suites.furniture_spec import FurnitureSpec
-from sim.views import sample_view
+from sim.objects.suites.catalogue import SUITES, Suite, find_suite
+from sim.objects.suites.furniture_spec import FurnitureSpec
+from sim.robot.scripted_pull import ScriptedPull
 
 PULL_SPEED_M_S = 0.05  # of the compliant pull
 FRAME_S = (0.15, 0.35)  # between frames of a scripted pull

@@ -17,10 +17,11 @@ from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
-from experiments import accuracy_report, calibration, cramer_rao, dense_gain, kind_against_travel
-from experiments.provenance import runs_of
-from experiments.rows import TrialRow, read_rows
-from experiments.tables import NoRows, grouped, markdown, of_method
+from experiments import calibration, cramer_rao, kind_against_travel, surface_gain
+from experiments.pages import accuracy_report
+from experiments.pages.tables import NoRows, grouped, markdown, of_method
+from experiments.rows.provenance import runs_of
+from experiments.rows.rows import TrialRow, read_rows
 
 PAGE = Path(__file__).resolve().parents[1] / "docs" / "experiments.md"
 _BLOCK = re.compile(
@@ -55,10 +56,10 @@ PARTS = (
     Part("calibration-recordings", "dense-gain", calibration.recordings_table),
     Part("calibration-of-tracks", "accuracy", figure=calibration.tracks_figure),
     Part("calibration-of-recordings", "dense-gain", figure=calibration.recordings_figure),
-    Part("dense-gain", "dense-gain", dense_gain.gain_table),
-    Part("dense-gain-kinds", "dense-gain", dense_gain.kinds_table),
-    Part("dense-gain-outside", "dense-gain", dense_gain.failures_table),
-    Part("dense-gain-asr", "dense-gain", figure=dense_gain.gain_figure),
+    Part("dense-gain", "dense-gain", surface_gain.gain_table),
+    Part("dense-gain-kinds", "dense-gain", surface_gain.kinds_table),
+    Part("dense-gain-outside", "dense-gain", surface_gain.failures_table),
+    Part("dense-gain-asr", "dense-gain", figure=surface_gain.gain_figure),
     Part("cramer-rao", "accuracy", cramer_rao.ratio_table),
     Part("cramer-rao-ratio", "accuracy", figure=cramer_rao.ratio_figure),
     Part("kind-against-travel", "kind-against-travel", kind_against_travel.kind_table),

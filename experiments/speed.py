@@ -24,16 +24,16 @@ from pathlib import Path
 import numpy as np
 
 from akm_fg.estimation.fit import fit_tracks
-from akm_fg.perception.part_cloud import sample_cloud
+from akm_fg.perception.surface.part_cloud import sample_cloud
 from akm_fg.report.score import axis_angle_rad
 from experiments.baselines.clouds import PartCloud, choose_keyframes, part_cloud
 from experiments.baselines.coarse import coarse_estimate
 from experiments.baselines.config import CoarseConfig
 from experiments.baselines.fine import fine_estimate
-from experiments.figures import COLOURS, new_figure, save
-from experiments.openings import Opening, make_opening
-from experiments.panel_camera import PanelCamera
-from experiments.provenance import machine, note_run
+from experiments.pages.figures import COLOURS, new_figure, save
+from experiments.rows.provenance import machine, note_run
+from experiments.trials.openings import Opening, make_opening
+from experiments.trials.panel_camera import PanelCamera
 
 CLOUD_POINTS = 10_000
 KINDS = ("revolute", "prismatic")
@@ -124,8 +124,8 @@ def curves(repeats: int) -> list[Timing]:
 def peak_memory_mb() -> float:
     """Of a fresh process that fits tracks and surfaces once."""
     code = (
-        "from experiments import speed; from experiments.openings import make_opening;"
-        "from experiments.panel_camera import PanelCamera;"
+        "from experiments import speed; from experiments.trials.openings import make_opening;"
+        "from experiments.trials.panel_camera import PanelCamera;"
         "o = make_opening(0, points=200, frames=30); speed._graph(o, PanelCamera(o, 0));"
         "print(speed.own_peak_mb())"
     )

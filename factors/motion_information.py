@@ -1,7 +1,8 @@
 """What tracks say about free rigid motions of their part: a quadratic form over the frames' twists.
 
 For motions M_t that take the part from its reference pose to frame t, and small corrections
-M_t Exp(d_t), the point-track cost of `factors.point_track` with its latent points marginalised is
+M_t Exp(d_t), the point-track cost of `factors.measurements.point_track` with its latent points
+marginalised is
 
     2 cost(d) = twice_cost + 2 g^T d + d^T H d,     d = (d_1, ..., d_T), tangent rotation first,
 
@@ -21,14 +22,14 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from factors.packed import UNPACK, inverse_and_determinant, rotated, times
-from factors.track_cost import TrackObservations, best_reference, first_reference
-from factors.track_information import (
+from factors.measurements.track_cost import TrackObservations, best_reference, first_reference
+from factors.measurements.track_information import (
     MOMENT_TWISTS,
     twist_jacobian,
     twist_moments,
     weighted_twist_products,
 )
+from factors.packed import UNPACK, inverse_and_determinant, rotated, times
 
 Array = NDArray[np.float64]
 

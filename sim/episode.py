@@ -9,12 +9,12 @@ from dataclasses import dataclass, replace
 import gtsam
 
 from akm_fg.records import FloatArray, JointTruth
-from sim.camera import CameraConfig, SimCamera
-from sim.franka import SimFranka
-from sim.franka_config import FrankaConfig
-from sim.imported.imported_spec import ImportOptions
-from sim.noise import NOISE_LEVELS
-from sim.views import ViewConfig, camera_pose
+from sim.camera.camera import CameraConfig, SimCamera
+from sim.camera.noise import NOISE_LEVELS
+from sim.camera.views import ViewConfig, camera_pose
+from sim.objects.imported.imported_spec import ImportOptions
+from sim.robot.franka import SimFranka
+from sim.robot.franka_config import FrankaConfig
 from sim.world import SimWorld, WorldConfig
 
 
@@ -50,7 +50,7 @@ def open_world(
 
     Args:
         object_name: `door`, `drawer`, SUITE/NAME such as `furniture-dev/door-003`, a URDF file
-            or a PartNet-Mobility folder (`sim.staging.find_spec`).
+            or a PartNet-Mobility folder (`sim.objects.staging.find_spec`).
         seed: varies size, place, mass, friction, looks and the camera's noise.
         noise: `clean`, `d455` or `harsh`.
         joint: of a file or folder, the one that is free; needed where several move.

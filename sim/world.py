@@ -12,17 +12,17 @@ import cv2
 import gtsam
 import numpy as np
 
+from akm_fg.arm.kinematics import N_ARM, Q_HOME, FrankaKinematics
 from akm_fg.records import JointTruth
 from sim.bullet import connect, joint_index, load_urdf, p, quaternion_xyzw
-from sim.imported.imported_spec import ImportOptions
-from sim.kinematics import N_ARM, Q_HOME, FrankaKinematics
-from sim.mechanisms import resistance
-from sim.meshes import Box, write_textured_boxes
-from sim.objects import PartSpec
-from sim.robot_meshes import light_panda_urdf
-from sim.staging import find_spec, stage
-from sim.textures import Rgb, floor, plaster
-from sim.urdf_files import PART_JOINT
+from sim.camera.robot_meshes import light_panda_urdf
+from sim.objects.embedded import PartSpec
+from sim.objects.imported.imported_spec import ImportOptions
+from sim.objects.mechanisms import resistance
+from sim.objects.meshes import Box, write_textured_boxes
+from sim.objects.staging import find_spec, stage
+from sim.objects.textures import Rgb, floor, plaster
+from sim.objects.urdf_files import PART_JOINT
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,7 +67,7 @@ class SimWorld:
         joint: str | None = None,
         options: ImportOptions | None = None,
     ) -> None:
-        """Finds the object (`sim.staging.find_spec`); files are read, nothing is built yet."""
+        """Finds the object; files are read (`sim.objects.staging`), nothing is built yet."""
         self.spec: PartSpec = find_spec(object_name, seed, joint, options)
         self.config = config or WorldConfig()
         self.kinematics = FrankaKinematics()

@@ -164,7 +164,7 @@ def test_the_same_seed_gives_the_same_files_in_every_process(tmp_path):
 
 
 def test_an_interrupted_demo_leaves_what_was_recorded_readable(tmp_path, monkeypatch, capfd):
-    from sim.camera import SimCamera
+    from sim.camera.camera import SimCamera
 
     real, taken = SimCamera.capture, []
 
@@ -185,7 +185,7 @@ def test_an_interrupted_demo_leaves_what_was_recorded_readable(tmp_path, monkeyp
 
 def test_a_grasp_that_fails_before_the_first_frame_is_told(tmp_path, monkeypatch, capfd):
     from akm_fg.errors import GraspFailed
-    from sim.franka import SimFranka
+    from sim.robot.franka import SimFranka
 
     def grasp(self, T_world_grasp, tick_s):
         raise GraspFailed("the fingers met with nothing between them")

@@ -17,7 +17,7 @@ MAY_IMPORT = {
 }
 # The command line puts all rooms together; sim knows akm_fg's records, errors and interfaces only.
 COMPOSITION = "akm_fg/cli/"
-SIM_MAY_IMPORT = ("akm_fg.records", "akm_fg.errors", "akm_fg.interfaces")
+SIM_MAY_IMPORT = ("akm_fg.records", "akm_fg.errors", "akm_fg.interfaces", "akm_fg.arm")
 ONLY_IN = {
     "pybullet": ("sim/",),
     "filterpy": ("akm_fg/relocalization/",),

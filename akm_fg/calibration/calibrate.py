@@ -15,7 +15,7 @@ from akm_fg.calibration.records import (
     ViewResidual,
 )
 from akm_fg.records import BoolArray, PinholeCamera
-from factors.board_view import INTRINSICS as CAL3DS2
+from factors.measurements.board_view import INTRINSICS as CAL3DS2
 
 
 def calibrate(

@@ -2,8 +2,8 @@
 
 Variables: intrinsics K (Cal3DS2), T_mount_cam, T_holder_board, and for every view the robot's true
 pose T_mount_holder, which its reported pose is a prior for. Factors: the corners of each view
-(`factors.board_view`), one prior a view from the arm's stated repeatability, and one that holds
-what is not estimated of K. Corner noise is a Student-t whose scale is estimated.
+(`factors.measurements.board_view`), one prior a view from the arm's stated repeatability, and one
+that holds what is not estimated of K. Corner noise is a Student-t whose scale is estimated.
 
 Covariance. The corners' share of the information is divided by the sandwich factor of their
 residuals (`factors.student_t.covariance_factor`); that of the robot's poses is taken as stated.
@@ -21,7 +21,7 @@ from akm_fg.calibration.initial import Start, reported_mount_holder
 from akm_fg.calibration.records import CalibrationConfig, CalibrationViews
 from akm_fg.errors import AxisUnobservable
 from akm_fg.records import FloatArray
-from factors.board_view import INTRINSICS, board_view_factor, board_view_residual
+from factors.measurements.board_view import INTRINSICS, board_view_factor, board_view_residual
 from factors.student_t import covariance_factor, weight
 
 K, CAM, BOARD = gtsam.symbol("k", 0), gtsam.symbol("c", 0), gtsam.symbol("b", 0)

@@ -11,7 +11,7 @@ import numpy as np
 from akm_fg.calibration.records import CalibrationConfig, CalibrationViews
 from akm_fg.errors import AxisUnobservable
 from akm_fg.records import FloatArray
-from factors.board_view import project_corners
+from factors.measurements.board_view import project_corners
 
 HAND_EYE_METHODS = (cv2.CALIB_HAND_EYE_PARK, cv2.CALIB_HAND_EYE_DANIILIDIS)
 ROBOT_WORLD_METHODS = (

@@ -1,6 +1,7 @@
 """What the calibration is given and what it returns. Conventions: docs/conventions.md.
 
-Two set-ups, one model (`factors.board_view`): `mount` carries the camera, `holder` the board.
+Two set-ups, one model (`factors.measurements.board_view`): `mount` carries the camera, `holder`
+the board.
 
     camera "fixed":   mount = world,   holder = gripper  (eye-to-hand)
     camera "gripper": mount = gripper, holder = world    (eye-in-hand)

@@ -13,7 +13,7 @@ from akm_fg.calibration.records import DISTORTION, INTRINSICS, HandEyeCalibratio
 from akm_fg.errors import InputError
 from akm_fg.io.png import replace_file
 from akm_fg.records import FloatArray
-from factors.board_view import project_corners
+from factors.measurements.board_view import project_corners
 
 SCHEMA = "akm-fg/calibration/1"
 

@@ -15,7 +15,7 @@ from akm_fg.errors import InputError, MissingDependency
 
 if TYPE_CHECKING:
     from akm_fg.records import PinholeCamera
-    from sim.charuco_board import BoardTruth, PoseConfig
+    from sim.camera.charuco_board import BoardTruth, PoseConfig
 
 SCENE = "furniture-dev/door-003"  # what stands in front of the robot; free room beside it
 NOMINAL_FOCAL = 0.97  # of the true focal length: a data sheet's figure, to start from
@@ -38,8 +38,8 @@ def write_simulated_board(
     from akm_fg.calibration.board_file import write_board
     from akm_fg.calibration.records import BoardSpec
     from akm_fg.io.recording import RecordingWriter
-    from sim.charuco_board import PoseConfig, board_shots, open_board_rig
-    from sim.noise import NOISE_LEVELS
+    from sim.camera.charuco_board import PoseConfig, board_shots, open_board_rig
+    from sim.camera.noise import NOISE_LEVELS
 
     if noise not in NOISE_LEVELS:
         raise InputError("--noise", f"{noise!r}", f"one of {', '.join(NOISE_LEVELS)}")

@@ -88,7 +88,7 @@ def examine(package: Package) -> Finding:
 def renderer() -> str:
     """What draws the simulated camera's pictures, and why."""
     try:
-        from sim.rendering import choose_renderer
+        from sim.camera.rendering import choose_renderer
     except (ImportError, OSError):
         return "none: the simulator is not installed"
     try:

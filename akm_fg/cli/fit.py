@@ -12,7 +12,7 @@ import tyro
 from akm_fg.cli.exit_codes import BAD_INPUT, DONE, INTERRUPTED
 from akm_fg.cli.output import json_output, write_line
 from akm_fg.errors import AkmError, InputError, NoMotionObserved, OutputError
-from akm_fg.estimation.posterior import ArticulationPosterior
+from akm_fg.posterior import ArticulationPosterior
 
 
 @dataclass(frozen=True)

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 from akm_fg.errors import InputError
 
 if TYPE_CHECKING:
-    from sim.objects import PartSpec
+    from sim.objects.embedded import PartSpec
 
 WHAT = (
     "door, drawer, SUITE/NAME such as furniture-dev/door-003, a URDF file, "
@@ -32,7 +32,7 @@ class ObjectArgument:
         """What a report calls it: short, and still telling."""
         if self.ours:
             return self.name
-        from sim.imported.partnet import JOINT_MARK, PREFIX, URDF
+        from sim.objects.imported.partnet import JOINT_MARK, PREFIX, URDF
 
         place, _, marked = self.name.removeprefix(PREFIX).partition(JOINT_MARK)
         path = Path(place).resolve()
@@ -62,7 +62,7 @@ class ObjectArgument:
         Raises:
             InputError: a broken file, no such object or joint, or several joints and none named.
         """
-        from sim.staging import find_spec
+        from sim.objects.staging import find_spec
 
         return find_spec(self.name, seed, self.joint)
 
@@ -73,9 +73,9 @@ def parse_object(text: str, joint: str | None = None) -> ObjectArgument:
     Raises:
         InputError: it is neither one of ours nor a file or folder.
     """
-    from sim.imported.partnet import JOINT_MARK, PREFIX
-    from sim.objects import OBJECT_NAMES
-    from sim.suites.catalogue import SUITES
+    from sim.objects.embedded import OBJECT_NAMES
+    from sim.objects.imported.partnet import JOINT_MARK, PREFIX
+    from sim.objects.suites.catalogue import SUITES
 
     if text in OBJECT_NAMES or text.partition("/")[0] in SUITES:
         return ObjectArgument(text, joint, ours=True)

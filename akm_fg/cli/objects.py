@@ -19,10 +19,10 @@ from akm_fg.errors import MissingDependency
 if TYPE_CHECKING:
     from rich.table import Table
 
-    from sim.imported.imported_spec import ImportedSpec
-    from sim.listing import Listing
-    from sim.mechanisms import Catch, Closer
-    from sim.suites.furniture_spec import FurnitureSpec
+    from sim.objects.imported.imported_spec import ImportedSpec
+    from sim.objects.listing import Listing
+    from sim.objects.mechanisms import Catch, Closer
+    from sim.objects.suites.furniture_spec import FurnitureSpec
 
     Spec = FurnitureSpec | ImportedSpec
 
@@ -57,7 +57,7 @@ def objects(arguments: ObjectsArguments) -> int:
         OutputError: the file cannot be written.
     """
     _require_simulator()
-    from sim.listing import list_suite
+    from sim.objects.listing import list_suite
 
     listing = list_suite(arguments.suite, arguments.folder, arguments.seed)
     with json_output(arguments.json) as stream:
@@ -91,7 +91,7 @@ def _as_dict(listing: Listing, arguments: ObjectsArguments) -> dict[str, Any]:
 
 
 def _object(spec: Spec) -> dict[str, Any]:
-    from sim.objects import standard_range
+    from sim.objects.embedded import standard_range
 
     handle = spec.handle
     return {

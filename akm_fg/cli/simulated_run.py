@@ -17,9 +17,9 @@ from akm_fg.errors import GraspFailed
 from akm_fg.io.recording_writer import RecordingWriter
 from akm_fg.records import JointTruth
 from akm_fg.report.summary import ArmRecord, Goal, PartTracks, RunSummary
-from sim.camera import CameraConfig
+from sim.camera.camera import CameraConfig
 from sim.episode import SimEpisode, open_world
-from sim.slip import SlipGauge
+from sim.robot.slip import SlipGauge
 
 RECORDING = "recording"  # the folder of the recording in the folder of the run
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import ClassVar
 
-from akm_fg.estimation.rigid_motion import RigidMotionConfig
+from akm_fg.geometry.rigid_motion import RigidMotionConfig
 
 
 @dataclass(frozen=True, slots=True)

@@ -14,23 +14,23 @@ import numpy as np
 from threadpoolctl import ThreadpoolController
 
 from akm_fg.errors import TracksLost
-from akm_fg.estimation.all_kinds import fit_in_steps, fit_kinds, graph_problem
+from akm_fg.estimation.between_kinds.all_kinds import fit_in_steps, fit_kinds, graph_problem
+from akm_fg.estimation.between_kinds.evidence import correlated_points, correlation_frames
+from akm_fg.estimation.between_kinds.weighed_kinds import weighed, with_sampled_joints
 from akm_fg.estimation.config import FitConfig
-from akm_fg.estimation.dense_fit import SurfaceSource, register
-from akm_fg.estimation.evidence import correlated_points, correlation_frames
-from akm_fg.estimation.initial_guess import JointGuess
-from akm_fg.estimation.knowledge import Knowledge
-from akm_fg.estimation.posterior import ArticulationPosterior
-from akm_fg.estimation.problem import (
+from akm_fg.estimation.given.initial_guess import JointGuess
+from akm_fg.estimation.given.knowledge import Knowledge
+from akm_fg.estimation.given.problem import (
     NOMINAL_POSITION_M,
     FitProblem,
     problem_of_path,
     problem_of_surface,
     problem_of_tracks,
 )
-from akm_fg.estimation.rigid_motion import MIN_POINTS
+from akm_fg.estimation.given.surface_registration import SurfaceSource, register
 from akm_fg.estimation.steps import to_end
-from akm_fg.estimation.weighed_kinds import weighed, with_sampled_joints
+from akm_fg.geometry.rigid_motion import MIN_POINTS
+from akm_fg.posterior import ArticulationPosterior
 from akm_fg.records import FloatArray, PointTracks, PoseTrack
 
 

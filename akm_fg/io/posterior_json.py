@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from akm_fg.estimation.posterior import (
+from akm_fg.posterior import (
     ArticulationPosterior,
     Evidence,
     JointPosterior,

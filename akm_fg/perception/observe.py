@@ -9,16 +9,16 @@ import numpy as np
 
 from akm_fg.errors import TracksLost
 from akm_fg.interfaces import ObjectSegmenter, PointTracker
-from akm_fg.perception.depth_noise import DepthNoiseModel
-from akm_fg.perception.flow_tracker import FlowTracker, FlowTrackerConfig
-from akm_fg.perception.lifting import LiftingConfig, lift
-from akm_fg.perception.motion_config import MotionSegmentationConfig
-from akm_fg.perception.motion_segmentation import (
+from akm_fg.perception.depth.depth_noise import DepthNoiseModel
+from akm_fg.perception.depth.object_mask import DepthObjectSegmenter, DepthSegmenterConfig
+from akm_fg.perception.moving_part.motion_config import MotionSegmentationConfig
+from akm_fg.perception.moving_part.motion_segmentation import (
     MotionSegmentation,
     segment_motion,
 )
-from akm_fg.perception.object_mask import DepthObjectSegmenter, DepthSegmenterConfig
-from akm_fg.perception.seeding import SeedingConfig, track_object
+from akm_fg.perception.tracking.flow_tracker import FlowTracker, FlowTrackerConfig
+from akm_fg.perception.tracking.lifting import LiftingConfig, lift
+from akm_fg.perception.tracking.seeding import SeedingConfig, track_object
 from akm_fg.records import BoolArray, FloatArray, PixelTracks, PointTracks, Recording
 
 log = logging.getLogger(__name__)

@@ -15,7 +15,7 @@ import numpy as np
 import ruckig
 
 from akm_fg.errors import MotionInfeasible
-from akm_fg.estimation.posterior import JointPosterior
+from akm_fg.posterior import JointPosterior
 from akm_fg.records import FloatArray, TimedPath
 from factors.joint_motion import part_motion
 

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import gtsam
 import numpy as np
 
-from akm_fg.estimation.posterior import JointPosterior, normal_bound
+from akm_fg.posterior import JointPosterior, normal_bound
 from akm_fg.records import FloatArray, PinholeCamera
 
 ELLIPSE_SIGMAS = float(np.sqrt(-2 * np.log(0.05)))  # chi-square, two degrees of freedom, 95 %

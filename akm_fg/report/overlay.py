@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from akm_fg.estimation.posterior import JointPosterior
+from akm_fg.posterior import JointPosterior
 from akm_fg.records import FloatArray, JointTruth, RgbdFrame
 from akm_fg.report.axis_image import AxisInImage, axis_of_joint, project_axis
 from akm_fg.report.summary import PartTracks

@@ -8,7 +8,7 @@ from html import escape as escape_html
 
 import numpy as np
 
-from akm_fg.estimation.posterior import normal_bound
+from akm_fg.posterior import normal_bound
 from akm_fg.report.overlay import Colour, OverlayConfig, region_name
 from akm_fg.report.pictures import Picture, axis_note, band_magnification, pictures
 from akm_fg.report.plots import kinds_svg, states_svg

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from akm_fg.estimation.posterior import JointPosterior, normal_bound
+from akm_fg.posterior import JointPosterior, normal_bound
 from akm_fg.report.axis_image import ELLIPSE_SIGMAS, axis_of_joint
 from akm_fg.report.overlay import Image, OverlayConfig, draw_frame, enlargement, region_name
 from akm_fg.report.summary import RunSummary

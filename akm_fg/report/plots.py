@@ -11,7 +11,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from akm_fg.estimation.posterior import ArticulationPosterior, StatePosterior, normal_bound
+from akm_fg.posterior import ArticulationPosterior, StatePosterior, normal_bound
 from akm_fg.records import FloatArray
 from akm_fg.report.score import aligned_truth
 from akm_fg.report.summary import RunSummary

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from akm_fg.estimation.posterior import (
+from akm_fg.posterior import (
     ArticulationPosterior,
     JointPosterior,
     StatePosterior,

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from akm_fg.estimation.posterior import ArticulationPosterior, StatePosterior, normal_bound
+from akm_fg.posterior import ArticulationPosterior, StatePosterior, normal_bound
 from akm_fg.records import FloatArray, JointTruth
 
 _PARALLEL = 1e-9  # sine of the angle below which two lines have no common normal

@@ -11,7 +11,7 @@ from typing import Literal
 
 import numpy as np
 
-from akm_fg.estimation.posterior import ArticulationPosterior, StatePosterior
+from akm_fg.posterior import ArticulationPosterior, StatePosterior
 from akm_fg.records import BoolArray, JointTruth, PixelTracks, Recording, RoundSummary
 
 CONFIDENCE = 0.95

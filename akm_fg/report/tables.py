@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from rich.table import Table
 from rich.text import Text
 
-from akm_fg.estimation.posterior import ArticulationPosterior, normal_bound
+from akm_fg.posterior import ArticulationPosterior, normal_bound
 from akm_fg.report.rows import last_seen, most_probable, score_rows
 from akm_fg.report.summary import RunSummary
 from akm_fg.report.wording import NONE, per_cent, size, state, vector

@@ -22,7 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from akm_fg.errors import MissingDependency
-from akm_fg.estimation.rigid_motion import free_rigid_motion
+from akm_fg.geometry.rigid_motion import free_rigid_motion
 from akm_fg.records import PointTracks
 from experiments.baselines.estimate import JointEstimate, joint_estimate
 

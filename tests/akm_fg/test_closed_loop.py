@@ -17,7 +17,8 @@ from akm_fg.closed_loop import (
     run_episode,
 )
 from akm_fg.errors import GraspFailed, NoMotionObserved
-from akm_fg.estimation.posterior import (
+from akm_fg.pipeline import RecordingFit
+from akm_fg.posterior import (
     ArticulationPosterior,
     Evidence,
     FitReport,
@@ -25,7 +26,6 @@ from akm_fg.estimation.posterior import (
     KindPosterior,
     StatePosterior,
 )
-from akm_fg.pipeline import RecordingFit
 from akm_fg.records import PinholeCamera, RgbdFrame
 
 CAMERA = PinholeCamera(4, 3, 4.0, 4.0, 1.5, 1.0)

@@ -10,7 +10,7 @@ from numpy.testing import assert_allclose
 from akm_fg import pipeline
 from akm_fg.errors import NoMotionObserved, TracksLost
 from akm_fg.io.posterior_json import posterior_as_dict
-from akm_fg.perception.depth_noise import DepthNoiseModel
+from akm_fg.perception.depth.depth_noise import DepthNoiseModel
 from akm_fg.perception.observe import observe_motion
 from akm_fg.pipeline import fit_input, fit_recording
 from akm_fg.records import PointTracks

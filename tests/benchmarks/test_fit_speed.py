@@ -4,8 +4,8 @@ import pytest
 
 from akm_fg.estimation.fit import fit_tracks
 from experiments.baselines.config import CoarseConfig
-from experiments.openings import make_opening
-from experiments.panel_camera import PanelCamera
+from experiments.trials.openings import make_opening
+from experiments.trials.panel_camera import PanelCamera
 
 
 @pytest.mark.parametrize("kind", ["revolute", "prismatic"])

@@ -12,8 +12,8 @@ import numpy as np
 import pytest
 
 from akm_fg.estimation.fit import fit_tracks
-from akm_fg.estimation.incremental import IncrementalFit
-from experiments.openings import make_opening
+from akm_fg.estimation.stream.incremental import IncrementalFit
+from experiments.trials.openings import make_opening
 
 FRAMES, ROUNDS = 300, 60
 pytestmark = pytest.mark.benchmark(timer=time.process_time)

@@ -13,10 +13,10 @@ import pytest
 
 pytest.importorskip("pybullet", reason="the simulator is not installed")
 
+from akm_fg.arm.impedance import ImpedanceConfig, cartesian_torques
+from akm_fg.arm.kinematics import Q_HOME
+from akm_fg.arm.pulling import Pull, PullConfig
 from sim.episode import SimEpisode, open_world
-from sim.impedance import ImpedanceConfig, cartesian_torques
-from sim.kinematics import Q_HOME
-from sim.pulling import Pull, PullConfig
 
 FRAMES = 30
 PULL_M = 0.15

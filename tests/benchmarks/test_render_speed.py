@@ -13,10 +13,10 @@ import pytest
 
 pytest.importorskip("pybullet", reason="the simulator is not installed")
 
+from sim.camera.mirror import poses_of
+from sim.camera.noise import NOISE_LEVELS
+from sim.camera.sensor import NoisySensor
 from sim.episode import SimEpisode, open_world
-from sim.mirror import poses_of
-from sim.noise import NOISE_LEVELS
-from sim.sensor import NoisySensor
 
 pytestmark = pytest.mark.benchmark(timer=time.process_time, min_time=0.2, max_time=2.0)
 

@@ -5,9 +5,9 @@ from dataclasses import replace
 import pytest
 
 from experiments.accuracy_grid import AccuracyConfig, run
-from experiments.cells import Cell
-from experiments.rows import Key, trial_row
-from experiments.track_methods import METHODS, run_trials
+from experiments.rows.rows import Key, trial_row
+from experiments.trials.cells import Cell
+from experiments.trials.track_methods import METHODS, run_trials
 
 
 @pytest.fixture(scope="session")

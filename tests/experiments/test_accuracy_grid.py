@@ -1,10 +1,10 @@
 import pytest
 
-from experiments import accuracy_report
 from experiments.accuracy_grid import AccuracyConfig, run
-from experiments.rows import read_rows
-from experiments.scoring import Errors
-from experiments.tables import NoRows
+from experiments.pages import accuracy_report
+from experiments.pages.tables import NoRows
+from experiments.rows.rows import read_rows
+from experiments.scores.scoring import Errors
 
 TABLES = (
     accuracy_report.axis_table,

@@ -5,9 +5,9 @@ from pathlib import Path
 
 import pytest
 
+from akm_fg.arm.collision import ArmCollisions
 from experiments import approaches
 from experiments.approaches import ApproachRow, reason, report, run_trial
-from sim.collision import ArmCollisions
 
 
 def test_one_approach_touches_nothing_but_with_its_fingers_at_the_handle():

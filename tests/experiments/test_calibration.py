@@ -3,8 +3,8 @@ from dataclasses import replace
 import pytest
 
 from experiments import calibration
-from experiments.rows import read_rows
-from experiments.tables import NoRows
+from experiments.pages.tables import NoRows
+from experiments.rows.rows import read_rows
 
 
 def _rows(a_row, inside):

@@ -3,9 +3,9 @@ import pytest
 from numpy.testing import assert_allclose
 
 from experiments import cramer_rao
-from experiments.bound_of_rows import bound_of
-from experiments.rows import read_rows
-from experiments.scoring import Errors
+from experiments.rows.rows import read_rows
+from experiments.scores.scoring import Errors
+from experiments.trials.bound_of_rows import bound_of
 
 CELL = "door 40 deg, 3 mm, 40 points, 20 frames, clean"
 

@@ -1,4 +1,3 @@
-from experiments.cells import Cell
 from experiments.kind_against_travel import (
     KindConfig,
     kind_figure,
@@ -6,7 +5,8 @@ from experiments.kind_against_travel import (
     kind_table,
     run,
 )
-from experiments.rows import read_rows
+from experiments.rows.rows import read_rows
+from experiments.trials.cells import Cell
 
 
 def test_the_smallest_run_gives_rows_table_and_figure_and_is_not_run_again(tmp_path):

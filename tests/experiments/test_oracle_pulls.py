@@ -7,8 +7,8 @@ import pytest
 
 pytest.importorskip("pybullet", reason="the simulator is not installed")
 
+from akm_fg.arm.limits import LimitUsage
 from experiments.oracle_pulls import PullRow, append_row, failures, read_rows, run_trial, table
-from sim.limits import LimitUsage
 
 USED = LimitUsage(0.2, 0.1, 0.4, 1.2, 0.3, 0.4)
 OPENED = PullRow(
@@ -66,7 +66,7 @@ def test_a_drawer_is_opened_by_ten_centimetres(way):
 
 @pytest.mark.slow
 def test_what_cannot_be_reached_is_a_row_with_a_reason(monkeypatch):
-    from sim.franka import SimFranka
+    from sim.robot.franka import SimFranka
 
     monkeypatch.setattr(SimFranka, "holding", lambda self: False)
     row = run_trial("furniture-dev/drawer-001", "arc")

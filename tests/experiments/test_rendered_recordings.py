@@ -9,7 +9,7 @@ pytest.importorskip("pybullet", reason="the simulator is not installed")
 
 from akm_fg.io.recording import read_recording, read_truth
 from experiments.rendered_recordings import RecordingConfig, chosen, main, travel_and_states
-from sim.suites.catalogue import find_suite, load_spec
+from sim.objects.suites.catalogue import find_suite, load_spec
 
 SMALL = ["--suite", "furniture-dev", "--frames", "3", "--travel-deg", "12", "14"]
 

@@ -1,8 +1,8 @@
 import pytest
 
-from experiments.provenance import note_run, runs_of
+from experiments.pages.tables import NoRows
 from experiments.report import FOLDERS, PAGE, PARTS, figures, provenance_table, renewed, tables
-from experiments.tables import NoRows
+from experiments.rows.provenance import note_run, runs_of
 
 PAGE_TEXT = """# Page
 <!-- table: one -->

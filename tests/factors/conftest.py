@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from factors.joint_motion import unit_twist
-from factors.track_cost import TrackObservations
+from factors.measurements.track_cost import TrackObservations
 
 # Where derivatives are checked: states and rotation of the joint frame.
 STATES = {

@@ -7,10 +7,10 @@ from numpy.testing import assert_allclose
 
 from factors.finite_differences import central_difference
 from factors.joint_motion import motion_jacobians, part_motion
+from factors.measurements.track_cost import TrackObservations, track_cost
+from factors.measurements.track_information import track_normal_equations
 from factors.motion_information import latent_points, motion_information
 from factors.student_t import twice_negative_log_kernel
-from factors.track_cost import TrackObservations, track_cost
-from factors.track_information import track_normal_equations
 
 GAUSSIAN, ROBUST = 1e9, 4.0
 

@@ -10,10 +10,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from akm_fg.arm.kinematics import FrankaKinematics
 from sim.cache import SCRATCH, STALE_S, UNUSED_S, cache_folder, digest, kept
-from sim.kinematics import FrankaKinematics
-from sim.object_record import RECORD, read_record, spec_text, write_record
-from sim.staging import build_and_place, find_spec, stage
+from sim.objects.object_record import RECORD, read_record, spec_text, write_record
+from sim.objects.staging import build_and_place, find_spec, stage
 
 
 @pytest.fixture(autouse=True)

@@ -8,16 +8,16 @@ import gtsam
 import numpy as np
 import pytest
 
+from akm_fg.arm.kinematics import Q_HOME
+from akm_fg.arm.limits import MotionRecorder
+from akm_fg.arm.reaching import GraspConfiguration
 from akm_fg.errors import GraspFailed, MotionInfeasible
 from akm_fg.records import TimedPath
 from sim.bullet import p
 from sim.episode import SimEpisode, open_world
-from sim.franka_config import FrankaConfig
-from sim.kinematics import Q_HOME
-from sim.limits import MotionRecorder
-from sim.placement import opened
-from sim.reaching import GraspConfiguration
-from sim.slip import SlipGauge
+from sim.objects.placement import opened
+from sim.robot.franka_config import FrankaConfig
+from sim.robot.slip import SlipGauge
 
 TICK_S = 0.05
 

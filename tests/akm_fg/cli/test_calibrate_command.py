@@ -16,7 +16,7 @@ from akm_fg.cli.board_recording import write_simulated_board
 from akm_fg.cli.main import main
 
 pytest.importorskip("pybullet")
-from sim.charuco_board import PoseConfig
+from sim.camera.charuco_board import PoseConfig
 
 VIEWS = 6
 

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from akm_fg.records import PinholeCamera
-from experiments.openings import make_opening, score_opening
-from factors.dense_registration import PatchObservations
+from experiments.trials.openings import make_opening, score_opening
 from factors.joint_motion import part_motion
+from factors.measurements.dense_registration import PatchObservations
 
 
 @pytest.fixture(scope="session")

@@ -10,7 +10,7 @@ from scipy import stats
 
 from akm_fg.estimation.config import FitConfig
 from akm_fg.estimation.fit import fit_tracks
-from akm_fg.estimation.rigid_motion import RigidMotionConfig
+from akm_fg.geometry.rigid_motion import RigidMotionConfig
 from factors.finite_differences import central_difference
 
 SIGMA_M = 0.003  # of every coordinate in the openings

@@ -8,12 +8,12 @@ import pytest
 from numpy.testing import assert_allclose
 from scipy import stats
 
-from akm_fg.estimation.all_kinds import graph_problem
+from akm_fg.estimation.between_kinds.all_kinds import graph_problem
+from akm_fg.estimation.between_kinds.starts import starts_of_part
 from akm_fg.estimation.config import FitConfig
 from akm_fg.estimation.fit import fit_tracks
-from akm_fg.estimation.kind_fit import fit_kind
-from akm_fg.estimation.problem import problem_of_tracks
-from akm_fg.estimation.starts import starts_of_part
+from akm_fg.estimation.given.problem import problem_of_tracks
+from akm_fg.estimation.one_kind.kind_fit import fit_kind
 from akm_fg.io.posterior_json import posterior_as_dict
 from akm_fg.records import PointTracks
 

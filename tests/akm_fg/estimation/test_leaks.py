@@ -6,8 +6,8 @@ import sys
 PROGRAM = """
 import gc
 import numpy as np
-from experiments.openings import make_opening
-from experiments.panel_camera import PanelCamera
+from experiments.trials.openings import make_opening
+from experiments.trials.panel_camera import PanelCamera
 from akm_fg.estimation.fit import fit_tracks
 
 def resident_kb():

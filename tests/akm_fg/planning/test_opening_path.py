@@ -6,8 +6,8 @@ import pytest
 from numpy.testing import assert_allclose
 
 from akm_fg.errors import MotionInfeasible
-from akm_fg.estimation.posterior import JointPosterior
 from akm_fg.planning.opening_path import HandLimits, plan_opening
+from akm_fg.posterior import JointPosterior
 
 
 def _joint(kind, T_world_joint=None):

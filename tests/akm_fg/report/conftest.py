@@ -10,7 +10,7 @@ import gtsam
 import numpy as np
 import pytest
 
-from akm_fg.estimation.posterior import (
+from akm_fg.posterior import (
     ArticulationPosterior,
     Evidence,
     FitReport,

@@ -1,7 +1,7 @@
 import gtsam
 import numpy as np
 
-from akm_fg.estimation.posterior import JointPosterior
+from akm_fg.posterior import JointPosterior
 from akm_fg.records import PinholeCamera
 from akm_fg.report.axis_image import ELLIPSE_SIGMAS, axis_of_joint, project_axis
 

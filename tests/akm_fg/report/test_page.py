@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from akm_fg.errors import OutputError
-from akm_fg.estimation.posterior import StatePosterior
+from akm_fg.posterior import StatePosterior
 from akm_fg.report.page import render_page
 from akm_fg.report.pictures import band_magnification
 from akm_fg.report.plots import kinds_svg

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from akm_fg.estimation.posterior import StatePosterior
+from akm_fg.posterior import StatePosterior
 from akm_fg.records import JointTruth
 from akm_fg.report.score import (
     aligned_truth,

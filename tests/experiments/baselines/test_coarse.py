@@ -6,7 +6,7 @@ torch = pytest.importorskip("torch", reason="torch is not installed (extra `base
 from experiments.baselines.coarse import coarse_alternatives, coarse_estimate  # noqa: E402
 from experiments.baselines.config import CoarseConfig  # noqa: E402
 from experiments.baselines.kinematics import joint_motion  # noqa: E402
-from experiments.openings import make_opening  # noqa: E402
+from experiments.trials.openings import make_opening  # noqa: E402
 from factors.joint_motion import joint_displacement  # noqa: E402
 
 FEW = CoarseConfig(starts=30)

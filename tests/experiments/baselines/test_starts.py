@@ -8,7 +8,7 @@ from experiments.baselines.starts import (
     prismatic_start,
     revolute_starts,
 )
-from experiments.openings import make_opening
+from experiments.trials.openings import make_opening
 
 
 def _line_angle_deg(a, b):

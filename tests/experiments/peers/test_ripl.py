@@ -5,7 +5,6 @@ import numpy as np
 import pytest
 
 from akm_fg.errors import MissingDependency
-from experiments.openings import make_opening
 from experiments.peers.ripl import (
     PYTHON,
     PartMotion,
@@ -15,6 +14,7 @@ from experiments.peers.ripl import (
     farthest_twist,
     part_motion,
 )
+from experiments.trials.openings import make_opening
 
 # Answers like the peer: the twist to the frame that moved farthest, and for the second opening
 # that it failed.

@@ -1,0 +1,1 @@
+"""Between the kinds: which are worth it, how probable each is."""

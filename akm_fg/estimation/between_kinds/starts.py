@@ -1,0 +1,66 @@
+"""Where the graph of each kind starts, and which kinds are still in the race."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from akm_fg.estimation.given.initial_guess import JointGuess
+from akm_fg.estimation.given.problem import FitProblem
+from akm_fg.estimation.one_kind.motion_fit import (
+    MotionFit,
+    bent_drawer,
+    evaluate,
+    fit_to_motions,
+    refined,
+)
+from factors.motion_information import MotionInformation
+
+# The bent drawer converges from nearly everywhere short of large turns; a screw read off the
+# motions is preferred where it is this much nearer.
+_MUCH_NEARER = 0.5
+_SCREW_GAIN = 3.0  # nats over the hinge; with less, the pitch's prior decides against it
+
+
+@dataclass(frozen=True, slots=True)
+class Start:
+    """One kind's start."""
+
+    guess: JointGuess
+    nats_behind: float  # log likelihood behind the best kind's, with each kind's own noise level
+    worth_it: bool = True  # False for a screw that explains no more than the hinge it contains
+
+
+def starts_of_part(problem: FitProblem, motions: MotionInformation) -> list[Start]:
+    """One start a moving kind, already fitted to the part's free motions."""
+    drawer = min(
+        (_fit(guess, problem, motions) for guess in problem.guesses if guess.kind == "prismatic"),
+        key=lambda fit: fit.twice_cost,
+    )
+    hinge = _hinge(drawer, problem, motions)
+    solved = hinge.guess
+    screw = _fit(JointGuess("helical", solved.T_world_joint, solved.q), problem, motions)
+    fits = [drawer, hinge, screw]
+    n = problem.observations.numbers
+    least = min(fit.twice_cost for fit in fits)
+    behind = [0.5 * n * math.log1p(max(fit.twice_cost - least, 0.0) / n) for fit in fits]
+    gain = (hinge.twice_cost - screw.twice_cost) / 2
+    worth = [True, True, gain > _SCREW_GAIN]
+    return [Start(f.guess, b, w) for f, b, w in zip(fits, behind, worth, strict=True)]
+
+
+def _hinge(drawer: MotionFit, problem: FitProblem, motions: MotionInformation) -> MotionFit:
+    prior, centroid = problem.config.prior, problem.centroid_world
+    bent = evaluate(bent_drawer(drawer, motions, centroid), motions, centroid, prior)
+    screws = [
+        evaluate(guess, motions, centroid, prior)
+        for guess in problem.guesses
+        if guess.kind == "revolute"
+    ]
+    nearest = min(screws, key=lambda fit: fit.twice_cost, default=bent)
+    start = nearest if nearest.twice_cost < _MUCH_NEARER * bent.twice_cost else bent
+    return refined(start, motions, centroid, prior)
+
+
+def _fit(guess: JointGuess, problem: FitProblem, motions: MotionInformation) -> MotionFit:
+    return fit_to_motions(guess, motions, problem.centroid_world, problem.config.prior)

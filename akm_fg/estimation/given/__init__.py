@@ -1,0 +1,1 @@
+"""What a fit is given: observations, knowledge, and where to start."""

@@ -1,0 +1,148 @@
+"""Closed-form starts for the joints: screw axes of rigid motions, lines and circles of paths."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from akm_fg.geometry.rigid_motion import RigidMotion
+from akm_fg.records import BoolArray, FloatArray
+from factors.joint_motion import cross
+from factors.measurements.orientation_track import log_so3
+
+# A hinge farther away than this is a drawer for every purpose of a start; metres.
+MAX_RADIUS_M = 100.0
+_MIN_RADIUS_M = 0.01
+TURN_ABOUT_X = np.array([1.0, -1.0, -1.0])  # half a turn, as a diagonal
+# Of one point's path nothing but the bend tells the hinge.
+_FAR_HINGES_M = (1.0, 2.0, 4.0, 8.0, 16.0, 32.0, 64.0)
+
+
+@dataclass(frozen=True, slots=True)
+class JointGuess:
+    """A joint frame and states to start from."""
+
+    kind: str
+    T_world_joint: FloatArray  # (4, 4)
+    q: FloatArray  # (T,), zero in frame 0
+    pitch: float = 0.0  # of a helical joint, metres per radian
+
+
+def turned(guess: JointGuess) -> JointGuess:
+    """The same motions with the axis the other way: the joint frame turned about its x."""
+    T = guess.T_world_joint.copy()
+    T[:3, :3] = T[:3, :3] @ np.diag(TURN_ABOUT_X)
+    return replace(guess, T_world_joint=T, q=-guess.q)
+
+
+def joint_frame(axis_world: FloatArray, origin_world: FloatArray) -> FloatArray:
+    """T_world_joint (4, 4) with z along a unit axis; the heading of x is arbitrary."""
+    z = axis_world / np.linalg.norm(axis_world)
+    x = cross(z, np.eye(3)[int(np.argmin(np.abs(z)))])
+    x /= np.linalg.norm(x)
+    T = np.eye(4)
+    T[:3, :3] = np.stack([x, cross(z, x), z], axis=1)
+    T[:3, 3] = origin_world
+    return T
+
+
+def guesses_from_motion(motion: RigidMotion) -> list[JointGuess]:
+    """Starts of both kinds from free rigid motions (three or more tracks)."""
+    centroid = motion.shape_world[motion.inlier].mean(axis=0)
+    path = motion.R_world @ centroid + motion.t_world
+    guesses = [_straight(path, motion.known)[0]]
+    turns = log_so3(motion.R_world)
+    turns[~motion.known] = 0.0
+    # Relative to the first known frame: a reference frame in mid-travel would see both signs.
+    _, axes = np.linalg.eigh(turns.T @ turns)
+    axis = axes[:, -1]
+    q = turns @ axis
+    pivots = [_pivot_of_motion(motion, axis, centroid)]
+    circle = _circle_about(axis, path[motion.known])
+    if circle is not None:
+        pivots.append(circle)
+    guesses += [_guess("revolute", axis, pivot, q, motion.known) for pivot in pivots]
+    return guesses
+
+
+def drawer_along(path: FloatArray) -> JointGuess:
+    """The drawer whose centroid walks along a path (T, 3)."""
+    return _straight(path, np.ones(len(path), dtype=bool))[0]
+
+
+def guesses_from_path(path: FloatArray, known: BoolArray) -> list[JointGuess]:
+    """Starts of both kinds from the path (T, 3) of one point."""
+    points = path[known]
+    centre = points.mean(axis=0)
+    drawer, directions = _straight(path, known)
+    guesses = [drawer]
+    if points.shape[0] < 3:
+        return guesses
+    normal = directions[2]
+    pivots = [_circle_about(normal, points)]
+    # A nearly straight path: far hinges to either side of it, in the plane of its bend.
+    side = cross(normal, directions[0])
+    pivots += [centre + sign * r * side for r in _FAR_HINGES_M for sign in (1.0, -1.0)]
+    return guesses + [
+        _guess("revolute", normal, pivot, _angles(path, normal, pivot), known)
+        for pivot in pivots
+        if pivot is not None
+    ]
+
+
+def _straight(path: FloatArray, known: BoolArray) -> tuple[JointGuess, FloatArray]:
+    """The drawer along a path, and the path's principal directions (3, 3), the longest first."""
+    points = path[known]
+    centre = points.mean(axis=0)
+    _, _, directions = np.linalg.svd(points - centre, full_matrices=False)
+    along = (path - centre) @ directions[0]
+    return _guess("prismatic", directions[0], points[0], along, known), directions
+
+
+def _angles(path: FloatArray, axis: FloatArray, pivot: FloatArray) -> FloatArray:
+    """Continuous angles (T,) of a path about an axis line."""
+    frame = joint_frame(axis, pivot)
+    local = (path - pivot) @ frame[:3, :3]
+    angles = np.arctan2(local[:, 1], local[:, 0])
+    middle = np.arctan2(local[:, 1].mean(), local[:, 0].mean())
+    return (angles - middle + np.pi) % (2 * np.pi) - np.pi
+
+
+def _guess(
+    kind: str, axis: FloatArray, origin: FloatArray, q: FloatArray, known: BoolArray
+) -> JointGuess:
+    """A guess with states zero in frame 0, unknown frames filled in between their neighbours."""
+    t = np.arange(q.size)
+    q = np.interp(t, t[known], q[known])
+    return JointGuess(kind, joint_frame(axis, origin), q - q[0])
+
+
+def _pivot_of_motion(motion: RigidMotion, axis: FloatArray, centroid: FloatArray) -> FloatArray:
+    """Point that all frames leave in place across the axis: least squares of (I - R) c = t."""
+    across = np.eye(3) - np.outer(axis, axis)
+    A = (across @ (np.eye(3) - motion.R_world))[motion.known].reshape(-1, 3)
+    b = (motion.t_world @ across)[motion.known].reshape(-1)
+    # Undetermined along the axis and, without rotation, everywhere: stay near the centroid.
+    ridge = 1e-6 * max(float(np.abs(A).max()), 1e-9) * np.eye(3)
+    offset = np.linalg.lstsq(np.vstack([A, ridge]), np.concatenate([b - A @ centroid, np.zeros(3)]))
+    return centroid + _bounded(across @ offset[0])
+
+
+def _bounded(offset: FloatArray) -> FloatArray:
+    length = float(np.linalg.norm(offset))
+    if length > MAX_RADIUS_M:
+        return offset * (MAX_RADIUS_M / length)
+    return offset
+
+
+def _circle_about(normal: FloatArray, points: FloatArray) -> FloatArray | None:
+    """Centre of the algebraic circle (Kasa, 1976) through points projected along a normal."""
+    frame = joint_frame(normal, points.mean(axis=0))
+    local = (points - frame[:3, 3]) @ frame[:3, :3]
+    A = np.column_stack([2 * local[:, :2], np.ones(len(local))])
+    solution, _, rank, _ = np.linalg.lstsq(A, (local[:, :2] ** 2).sum(axis=1))
+    centre = _bounded(np.array([solution[0], solution[1], 0.0]))
+    if rank < 3 or np.linalg.norm(centre) < _MIN_RADIUS_M:
+        return None
+    return frame[:3, 3] + frame[:3, :3] @ centre

@@ -1,0 +1,1 @@
+"""One joint kind: its graph, its solution, its covariance."""

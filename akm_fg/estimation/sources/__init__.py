@@ -1,0 +1,1 @@
+"""Sources of information: each file is one, and says what it contributes."""

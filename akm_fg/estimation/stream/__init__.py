@@ -1,0 +1,1 @@
+"""Frames one at a time: the posterior so far."""

@@ -1,0 +1,1 @@
+"""Where depth changed, and what motion that shows."""

@@ -1,0 +1,269 @@
+"""Where depth has changed since the first frame, and which share of it a motion explains.
+
+The camera stands still, so a pixel that shows something nearer than in frame 0 shows the moved
+part, and one that shows something farther away was covered by it. Means over small windows are
+compared: their noise is that of a few independent readings. The robot's pixels are unknown.
+
+A motion M_t explains a point of the changed surface if, moved to other frames, it is seen there.
+A frame that shows something farther away at its place contradicts it; one that shows something
+nearer hides it and says nothing.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import cv2
+import gtsam
+import numpy as np
+from numpy.typing import NDArray
+
+from akm_fg.perception.depth.depth_noise import DepthNoiseModel
+from akm_fg.perception.depth.thinning import repeated
+from akm_fg.records import BoolArray, FloatArray, PinholeCamera, Recording, RgbdFrame
+
+_KERNEL = np.ones((3, 3), np.uint8)
+
+
+@dataclass(frozen=True, slots=True)
+class DepthChangeConfig:
+    """What counts as a change of depth."""
+
+    stride_px: int = 3  # of the pixels compared, of a VGA image: errors of neighbours agree
+    window: int = 3  # of such pixels, whose mean is compared
+    sigmas: float = 3.0  # of the mean; chance alone seldom changes nine windows side by side
+    least_m: float = 0.005  # on top: systematic errors
+    least_area_m2: float = 0.0015  # of a connected change: 4 cm squared; smaller is no furniture
+    share_frames: int = 8  # asked for `explained_share`
+    share_points: int = 200  # of each, nearer and farther
+    share_sigmas: float = 3.0  # how far a point may be off the surface seen; plus `least_m`
+
+
+@dataclass(frozen=True, slots=True)
+class DepthChange:
+    """Change against frame 0, on every stride-th pixel of the image: (T, h, w)."""
+
+    recording: Recording
+    noise: DepthNoiseModel
+    config: DepthChangeConfig
+    frames: tuple[RgbdFrame, ...]  # T, (h, w): every stride-th pixel
+    stride: int
+    nearer: BoolArray  # (T, h, w) shows a surface that was not there
+    farther: BoolArray  # (T, h, w) the surface that was there is gone
+    area_m2: FloatArray  # (T,) of the nearer surface, seen from the camera
+
+    @property
+    def camera(self) -> PinholeCamera:
+        """Of the (h, w) images."""
+        return self.frames[0].camera
+
+    def mask(self, frame: int) -> BoolArray:
+        """(H, W) nearer pixels of a frame at full size."""
+        return self.full_size(self.nearer[frame])
+
+    def full_size(self, image: BoolArray) -> BoolArray:
+        """(H, W) of an image (h, w) of the pixels that are compared."""
+        return repeated(image, self.stride, self.recording.frames[0].depth_m.shape)
+
+
+def depth_change(
+    recording: Recording,
+    object_mask: BoolArray,
+    noise: DepthNoiseModel,
+    config: DepthChangeConfig | None = None,
+) -> DepthChange:
+    """Compare all frames with frame 0.
+
+    Args:
+        recording: T frames of one camera that stands still.
+        object_mask: (H, W) in frame 0; changes that do not touch it are left out.
+        noise: of the depth.
+        config: tuning.
+
+    Raises:
+        ValueError: the mask has another size than the image.
+    """
+    config = config or DepthChangeConfig()
+    shape = recording.frames[0].depth_m.shape
+    if object_mask.shape != shape:
+        raise ValueError(f"mask {object_mask.shape}, expected {shape}")
+    stride = max(1, round(config.stride_px * shape[1] / 640))
+    frames = tuple(_thinned(f, stride) for f in recording.frames)
+    touched = cv2.dilate(object_mask[::stride, ::stride].astype(np.uint8), _KERNEL) > 0
+    fx = recording.frames[0].camera.fx
+    first = _windows(frames[0], fx, noise, config)
+    last = _windows(frames[-1], fx, noise, config)
+    factor = _gate_factor(first, last, noise, stride, config)
+    nearer = np.zeros((len(frames), *touched.shape), dtype=bool)
+    farther, area = nearer.copy(), np.zeros(len(frames))
+    for t in range(1, len(frames)):
+        now = _windows(frames[t], fx, noise, config)
+        gate = factor * np.sqrt(first.variance + now.variance) + np.float32(config.least_m)
+        known = first.known & now.known
+        off = np.where(known, first.mean - now.mean, 0)
+        own = np.where(known, frames[0].depth_m - frames[t].depth_m, 0)  # an edge smears the mean
+        metric = np.where(known, now.mean, 0) ** 2 * np.float32((stride / fx) ** 2)
+        nearer[t] = _components((off > gate) & (own > gate / 2), touched, metric, config)
+        farther[t] = _components((off < -gate) & (own < -gate / 2), touched, metric, config)
+        area[t] = float(metric[nearer[t]].sum())
+    return DepthChange(recording, noise, config, frames, stride, nearer, farther, area)
+
+
+def _gate_factor(
+    first: _Windows, last: _Windows, noise: DepthNoiseModel, stride: int, config: DepthChangeConfig
+) -> np.float32:
+    """What counts as a change of a window's mean, over the sd of a single reading's change.
+
+    Where the means are worse than the model says, their own spread counts: that of the lower
+    quartile of first against last frame, which stands still.
+    """
+    expected = 1 / np.sqrt(noise.independent_samples(stride * config.window))
+    known = first.known & last.known
+    if known.any():
+        sd = np.sqrt(first.variance + last.variance)[known]
+        quartile = float(np.quantile(np.abs(first.mean - last.mean)[known] / sd, 0.25))
+        expected = max(expected, quartile / 0.3186)  # the same quartile of |x| / sd of a Gaussian
+    return np.float32(config.sigmas * expected)
+
+
+def explained_share(
+    change: DepthChange, R_world: FloatArray, t_world: FloatArray, known: BoolArray
+) -> float:
+    """The share of the changed surface that a motion explains, in [0, 1].
+
+    A point of the changed surface counts as explained if frame 0 shows it where the motion puts
+    it, or hides it there while more of the other frames confirm than contradict it.
+
+    Args:
+        change: of the recording.
+        R_world: (T, 3, 3) motions from frame 0.
+        t_world: (T, 3).
+        known: (T,) where the motion is known.
+
+    Returns:
+        NaN where no changed point can be judged.
+    """
+    frames = change_frames(change, known, change.config.share_frames)
+    explained = judged = 0
+    for t in frames:
+        back = R_world[t].T
+        here = surface_points(change, t, change.nearer[t])
+        gone = surface_points(change, 0, change.farther[t])
+        x_world = np.concatenate([(here - t_world[t]) @ back.T, gone])
+        own = np.concatenate([np.zeros(len(here), bool), np.ones(len(gone), bool)])
+        # A vanished point must be seen in its own frame; a new one in the first.
+        seen_0, through_0 = _looked_up(change, 0, x_world)
+        seen_t, through_t = _looked_up(change, t, x_world @ R_world[t].T + t_world[t])
+        main_seen, main_through = np.where(own, seen_t, seen_0), np.where(own, through_t, through_0)
+        votes, judgements = np.zeros(len(x_world)), np.zeros(len(x_world))
+        for s in frames:
+            if s == t:
+                continue
+            seen, through = _looked_up(change, s, x_world @ R_world[s].T + t_world[s])
+            votes += seen.astype(float) - through
+            judgements += seen | through
+        good = main_seen | (~main_through & (votes > 0))
+        explained += int(good.sum())
+        judged += int((main_seen | main_through | (judgements > 0)).sum())
+    return explained / judged if judged else float("nan")
+
+
+def change_frames(change: DepthChange, known: BoolArray, count: int) -> list[int]:
+    """At most `count` of the known frames with a nearer surface, evenly spread."""
+    some = np.flatnonzero(change.nearer.any(axis=(1, 2)) & known)
+    if some.size > count:
+        some = some[np.linspace(0, some.size - 1, count).round().astype(int)]
+    return [int(t) for t in some]
+
+
+@dataclass(frozen=True, slots=True)
+class _Windows:
+    """Window means of a depth image and the variance of single readings, (h, w)."""
+
+    mean: NDArray[np.float32]
+    variance: NDArray[np.float32]
+    known: BoolArray  # at the pixel and all its neighbours
+
+
+def _windows(
+    frame: RgbdFrame, fx: float, noise: DepthNoiseModel, config: DepthChangeConfig
+) -> _Windows:
+    known = np.isfinite(frame.depth_m)
+    size = (config.window, config.window)
+    z = np.where(known, frame.depth_m, np.float32(0))
+    share = cv2.boxFilter(known.astype(np.float32), cv2.CV_32F, size)
+    mean = np.asarray(cv2.boxFilter(z, cv2.CV_32F, size) / np.maximum(share, 1e-3), np.float32)
+    inner = cv2.erode(known.astype(np.uint8), _KERNEL) > 0
+    variance = noise.sigma_m(mean.astype(np.float64), fx) ** 2
+    return _Windows(mean, variance.astype(np.float32), inner)
+
+
+def _thinned(frame: RgbdFrame, stride: int) -> RgbdFrame:
+    """Every stride-th pixel as a frame of its own."""
+    depth, c = frame.depth_m[::stride, ::stride], frame.camera
+    small = PinholeCamera(
+        depth.shape[1],
+        depth.shape[0],
+        c.fx / stride,
+        c.fy / stride,
+        c.cx / stride,
+        c.cy / stride,
+    )
+    rgb = frame.rgb[::stride, ::stride]
+    return replace(frame, depth_m=np.ascontiguousarray(depth), rgb=rgb, camera=small)
+
+
+def _components(
+    changed: BoolArray, touched: BoolArray, metric: NDArray[np.float32], config: DepthChangeConfig
+) -> BoolArray:
+    """Connected changes that are large enough and touch the object."""
+    opened = cv2.morphologyEx(changed.astype(np.uint8), cv2.MORPH_OPEN, _KERNEL)
+    count, labels = cv2.connectedComponents(opened, connectivity=4)
+    if count < 2:
+        return np.zeros_like(changed)
+    flat = labels.ravel()
+    area = np.bincount(flat, metric.ravel(), count)
+    on = np.bincount(flat, touched.ravel(), count)
+    kept = (area > config.least_area_m2) & (on > 0)
+    kept[0] = False
+    return np.asarray(kept[labels])
+
+
+def surface_points(change: DepthChange, frame: int, mask: BoolArray) -> FloatArray:
+    """World points (N, 3) of a frame's masked pixels, evenly thinned out."""
+    v, u = np.nonzero(mask)
+    step = max(1, -(-v.size // change.config.share_points))
+    u, v = u[::step], v[::step]
+    view = change.frames[frame]
+    z = view.depth_m[v, u].astype(float)
+    p_cam = view.camera.back_project(np.stack([u, v], axis=-1).astype(float), z)
+    return np.asarray(p_cam @ view.T_world_cam.rotation().matrix().T + _eye(view.T_world_cam))
+
+
+def _eye(T_world_cam: gtsam.Pose3) -> FloatArray:
+    return np.asarray(T_world_cam.translation(), dtype=np.float64)
+
+
+def nearest_pixels(
+    camera: PinholeCamera, p_cam: FloatArray
+) -> tuple[NDArray[np.int_], NDArray[np.int_], BoolArray]:
+    """Columns and rows (...) of the pixels nearest to points (..., 3), and which are inside.
+
+    Points outside the image get pixel 0, 0.
+    """
+    uv = np.nan_to_num(camera.project(p_cam), nan=-1.0)
+    u, v = np.rint(uv[..., 0]), np.rint(uv[..., 1])
+    inside = np.asarray((u >= 0) & (v >= 0) & (u < camera.width) & (v < camera.height))
+    return np.where(inside, u, 0).astype(int), np.where(inside, v, 0).astype(int), inside
+
+
+def _looked_up(change: DepthChange, frame: int, p_world: FloatArray) -> tuple[BoolArray, BoolArray]:
+    """Whether points (N, 3) are on the surface that a frame shows; whether it is seen beyond."""
+    view, config = change.recording.frames[frame], change.config
+    p_cam = (p_world - _eye(view.T_world_cam)) @ view.T_world_cam.rotation().matrix()
+    u, v, inside = nearest_pixels(view.camera, p_cam)
+    z = np.where(inside, view.depth_m[v, u], np.nan)
+    sigma = np.sqrt(2.0) * change.noise.sigma_m(p_cam[:, 2], view.camera.fx)
+    gate = config.share_sigmas * sigma + config.least_m
+    beyond = z - p_cam[:, 2]
+    return np.asarray(np.abs(beyond) < gate), np.asarray(beyond >= gate)

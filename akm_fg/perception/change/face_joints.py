@@ -1,0 +1,163 @@
+"""The joints that allow the planes in which a part's face was seen.
+
+The planes of a drawer's face are parallel: it slides along their normal (within its own plane a
+face tells nothing), by their distance from the plane of frame 0. Those of a hinged face all hold
+the direction of its axis; the hinge lies at the same small height e above all of them,
+
+    n_t . c = d_t + e,
+
+which is nearly where each of them meets the plane of frame 0. How far e is from zero shows in the
+second order of the angle only, so it is held by a prior.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from akm_fg.estimation.given.initial_guess import JointGuess, joint_frame
+from akm_fg.perception.change.face_planes import FacePlanes
+from akm_fg.records import BoolArray, FloatArray
+from factors.joint_motion import motion_jacobians, part_motion
+
+
+@dataclass(frozen=True, slots=True)
+class FaceJointConfig:
+    """Joints from the planes of a face."""
+
+    parallel_rad: float = 0.1  # between the faces of a drawer
+    tilt_gate_rad: float = 0.06  # of a plane that does not hold the axis
+    tilt_sigma_rad: float = 0.005  # of a plane's normal: surfaces and depth are warped
+    offset_sigma_m: float = 0.0015  # of a plane at the hinge, likewise
+    reweights: int = 5  # Cauchy weights: faces seen just beyond the noise are the worst
+    least_turn_rad: float = 0.03  # of a hinge that can be told from a drawer by its face
+    hinge_depth_m: float = 0.03  # how far a hinge lies off the plane of its face: 0 to 5 cm
+    off_m: float = 0.03  # a plane that misses a hinge by more belongs to another face
+
+
+@dataclass(frozen=True, slots=True)
+class FaceStart:
+    """A joint that the faces allow, and the face itself at state zero."""
+
+    guess: JointGuess  # states over all frames, interpolated between keyframes
+    p_world: FloatArray  # (S, 3)
+    normal_world: FloatArray  # (S, 3)
+
+    @property
+    def metres_per_state(self) -> float:
+        """How far the face's middle moves along its normal with the state."""
+        joint, x = self.guess, self.p_world.mean(axis=0)
+        twist = motion_jacobians(joint.kind, joint.T_world_joint, np.zeros(1))[1][0]
+        velocity = np.cross(twist[:3], x) + twist[3:]
+        return float(velocity @ self.normal_world.mean(axis=0))
+
+
+def starts_from_faces(faces: FacePlanes, count: int, config: FaceJointConfig) -> list[FaceStart]:
+    """A drawer where the face stays parallel, and a hinge where it turns; at least one of them.
+
+    Args:
+        faces: K planes and that of frame 0.
+        count: frames of the recording.
+        config: tuning.
+    """
+    starts = []
+    cosine = faces.normal @ faces.normal_0
+    parallel = cosine > np.cos(config.parallel_rad)
+    hinge = _hinge(faces, config)
+    if hinge is not None:
+        axis, pivot, used = hinge
+        starts.append(_start("revolute", axis, pivot, _turns(faces, axis), used, faces, count))
+    if hinge is None or parallel.any():
+        used = parallel if parallel.any() else cosine == cosine.max()
+        travel = faces.centre @ faces.normal_0 - faces.offset_0
+        sign = 1.0 if travel[used].sum() >= 0 else -1.0
+        centre = faces.centre[used].mean(axis=0)
+        axis = sign * faces.normal_0
+        starts.append(_start("prismatic", axis, centre, sign * travel, used, faces, count))
+    return starts
+
+
+def _start(
+    kind: str,
+    axis: FloatArray,
+    origin: FloatArray,
+    q: FloatArray,
+    used: BoolArray,
+    faces: FacePlanes,
+    count: int,
+) -> FaceStart:
+    """A guess from states (K,) of the used planes, and the face's points in frame 0."""
+    frames = np.concatenate([[0], np.array(faces.frames)[used]])
+    T_world_joint = joint_frame(axis, origin)
+    R, t = part_motion(kind, T_world_joint, q)
+    x = [(faces.p_world[k] - t[k]) @ R[k] for k in np.flatnonzero(used)]
+    n = [np.tile(faces.normal[k] @ R[k], (len(faces.p_world[k]), 1)) for k in np.flatnonzero(used)]
+    every = np.interp(np.arange(count), frames, np.concatenate([[0.0], q[used]]))
+    guess = JointGuess(kind, T_world_joint, every)
+    return FaceStart(guess, np.concatenate(x), np.concatenate(n))
+
+
+def _hinge(
+    faces: FacePlanes, config: FaceJointConfig
+) -> tuple[FloatArray, FloatArray, BoolArray] | None:
+    """Axis, pivot, and which (K,) planes agree with them; None where nothing turns.
+
+    Every plane and that of frame 0 meet in a line: the hinge that most other planes agree with is
+    refined by least squares on all of these.
+    """
+    K, best = len(faces.frames), np.zeros(len(faces.frames), dtype=bool)
+    for k in range(K):
+        axis = np.cross(faces.normal_0, faces.normal[k])
+        turn = float(np.linalg.norm(axis))
+        if turn < config.least_turn_rad:
+            continue
+        axis /= turn
+        tilt = np.abs(faces.normal @ axis)
+        pivot = _pivot(faces, axis, np.arange(K) == k, config)
+        off = np.abs(faces.normal @ pivot - faces.offset)
+        agrees = (tilt < config.tilt_gate_rad) & (off < config.off_m)
+        if agrees.sum() > best.sum():
+            best = agrees
+    if 2 * best.sum() < K:  # a drawer's side that is the largest plane in a few frames
+        return None
+    axis = _axis(faces, best, config)
+    if _turns(faces, axis)[best].sum() < 0:
+        axis = -axis
+    return axis, _pivot(faces, axis, best, config), best
+
+
+def _turns(faces: FacePlanes, axis: FloatArray) -> FloatArray:
+    """Angles (K,) of the normals about the axis, from frame 0's."""
+    side = np.cross(axis, faces.normal_0)
+    return np.asarray(np.arctan2(faces.normal @ side, faces.normal @ faces.normal_0))
+
+
+def _axis(faces: FacePlanes, used: BoolArray, config: FaceJointConfig) -> FloatArray:
+    """The direction most nearly in all used planes and frame 0's, robustly."""
+    n = np.vstack([faces.normal[used], faces.normal_0])
+    w, axis = np.ones(len(n)), np.zeros(3)
+    for _ in range(config.reweights):
+        axis = np.linalg.svd(n * np.sqrt(w)[:, None])[2][2]
+        w = 1 / (1 + (n @ axis / config.tilt_sigma_rad) ** 2)
+    return axis
+
+
+def _pivot(
+    faces: FacePlanes, axis: FloatArray, used: BoolArray, config: FaceJointConfig
+) -> FloatArray:
+    """Point c with n_t . c = d_t + e for the used planes and frame 0's, e small, robustly."""
+    n = np.vstack([faces.normal[used], faces.normal_0])
+    d = np.append(faces.offset[used], faces.offset_0)
+    centre = faces.centre[used].mean(axis=0)
+    rows = np.column_stack([n, -np.ones(len(n))]) / config.offset_sigma_m
+    values = (d - n @ centre) / config.offset_sigma_m
+    held_e = np.array([0, 0, 0, 1 / config.hinge_depth_m])
+    held_c = np.append(axis, 0.0)  # where on the axis is free: next to the face's centre
+    w, solution = np.ones(len(n)), np.zeros(4)
+    for _ in range(config.reweights):
+        root = np.sqrt(w)
+        A = np.vstack([rows * root[:, None], held_e, held_c])
+        solution = np.linalg.lstsq(A, np.concatenate([values * root, [0.0, 0.0]]))[0]
+        w = 1 / (1 + (rows @ solution - values) ** 2)
+    return np.asarray(centre + solution[:3])

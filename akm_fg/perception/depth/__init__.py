@@ -1,0 +1,1 @@
+"""Depth images: their noise, edges and planes, and the object in them."""

@@ -1,0 +1,187 @@
+"""A plane through the depth around every pixel at once: smoothed depth and normals of a surface.
+
+A plane n . p = 1 of the scene is linear in inverse depth over the image,
+
+    1/z = a + b du + c dv,   n = (f_x b, f_y c, a - b f_x x - c f_y y),   x = (u - cx) / f_x,
+
+so a least-squares fit in a window needs only window sums (moments) of the inverse depth, which
+box filters give for all pixels in one go. Two passes: readings far from the plane of their own
+window are left out of the second.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import cv2
+import gtsam
+import numpy as np
+from numpy.typing import NDArray
+
+from akm_fg.perception.depth.depth_noise import DepthNoiseModel
+from akm_fg.records import BoolArray, FloatArray, PinholeCamera, RgbdFrame
+
+Image = NDArray[np.floating]  # (H, W) float32
+Box = tuple[slice, slice]  # rows, columns
+
+
+@dataclass(frozen=True, slots=True)
+class DepthPlanesConfig:
+    """Local plane fits."""
+
+    radius_px: int = 7  # 3 cm at 1.2 m and 600 px: normals of 3 deg; smaller ones are all noise
+    min_share: float = 0.6  # of the window with readings on the plane; an edge leaves about half
+    gate_sigmas: float = 3.5  # of one reading, around the plane of its own window
+    gate_m: float = 0.002  # on top: mouldings
+    max_rms_sigmas: float = 1.5  # of a window; a step of 2 cm through it leaves a fifth of that
+    max_rms_m: float = 0.001  # on top
+    max_slope: float = 5.0  # tangent of the angle between ray and normal; 79 deg
+
+
+@dataclass(frozen=True, slots=True)
+class PlaneSamples:
+    """Surface at N pixels; NaN where the depth is no plane."""
+
+    p_world: FloatArray  # (N, 3) metres
+    normal_world: FloatArray  # (N, 3) unit, towards the camera
+    sigma_normal_m: FloatArray  # (N,) sd of a single depth reading, along the normal
+
+
+@dataclass(frozen=True, slots=True)
+class DepthPlanes:
+    """Local planes of one depth image; lookups cost the same at any pixel."""
+
+    inverse_depth: Image  # (H, W) 1/m, of the plane at the pixel's centre
+    slope_u: Image  # (H, W) d inverse depth / d u, 1/(m px)
+    slope_v: Image  # (H, W)
+    valid: BoolArray  # (H, W); elsewhere the other fields mean nothing
+    camera: PinholeCamera
+    T_world_cam: gtsam.Pose3
+    noise: DepthNoiseModel
+
+    def at(self, uv: FloatArray) -> PlaneSamples:
+        """Points and normals where the rays of pixels (N, 2) meet the plane of the nearest pixel.
+
+        Pixels outside the image, without a plane, or NaN give NaN.
+        """
+        camera = self.camera
+        inside = np.asarray(np.isfinite(uv).all(axis=1))
+        whole = np.rint(np.where(inside[:, None], uv, -1.0)).astype(int)
+        inside &= (whole >= 0).all(axis=1)
+        inside &= (whole[:, 0] < camera.width) & (whole[:, 1] < camera.height)
+        u, v = np.where(inside[:, None], whole, 0).T
+        inside &= self.valid[v, u]
+        uv = np.where(inside[:, None], uv, 0.0)
+        b, c = self.slope_u[v, u].astype(float), self.slope_v[v, u].astype(float)
+        a = self.inverse_depth[v, u] + b * (uv[:, 0] - u) + c * (uv[:, 1] - v)
+        inside &= a > 0
+        a = np.where(inside, a, np.nan)
+        rays = camera.back_project(uv, np.ones(len(uv)))
+        n_cam = np.stack([b * camera.fx, c * camera.fy, np.zeros_like(a)], axis=-1)
+        n_cam[:, 2] = a - (n_cam * rays).sum(axis=1)
+        n_cam /= -np.linalg.norm(n_cam, axis=1, keepdims=True)
+        R = self.T_world_cam.rotation().matrix()
+        sigma = self.noise.sigma_m(1 / a, camera.fx) * np.abs((n_cam * rays).sum(axis=1))
+        p_world = rays / a[:, None] @ R.T + self.T_world_cam.translation()
+        return PlaneSamples(p_world, n_cam @ R.T, sigma)
+
+
+def depth_planes(
+    frame: RgbdFrame,
+    noise: DepthNoiseModel,
+    mask: BoolArray | None = None,
+    config: DepthPlanesConfig | None = None,
+) -> DepthPlanes:
+    """Fit a plane around every pixel.
+
+    Args:
+        frame: its depth.
+        noise: what a reading may be off; scales the tests of what is a plane.
+        mask: (H, W) pixels to use, and to fit; all with depth if not given. Windows reach to the
+            mask's border and no farther.
+        config: tuning.
+
+    Raises:
+        ValueError: the mask has another size than the image.
+    """
+    config = config or DepthPlanesConfig()
+    shape = frame.depth_m.shape
+    if mask is not None and mask.shape != shape:
+        raise ValueError(f"mask {mask.shape}, expected {shape}")
+    a, b, c = (np.zeros(shape, np.float32) for _ in range(3))
+    valid = np.zeros(shape, dtype=bool)
+    box = bounding_box(mask, config.radius_px) if mask is not None else np.s_[:, :]
+    if box is not None:
+        z = frame.depth_m[box]
+        known = np.asarray(np.isfinite(z) & (z > 0) & (True if mask is None else mask[box]))
+        a[box], b[box], c[box], valid[box] = _fit(z, known, frame.camera, noise, config)
+    return DepthPlanes(a, b, c, valid, frame.camera, frame.T_world_cam, noise)
+
+
+def bounding_box(mask: BoolArray, margin_px: int) -> Box | None:
+    """Rows and columns that hold all True pixels and a margin; None if there are none."""
+    rows, columns = (np.flatnonzero(mask.any(axis=axis)) for axis in (1, 0))
+    if not rows.size:
+        return None
+    low = max(0, int(rows[0]) - margin_px), max(0, int(columns[0]) - margin_px)
+    high = int(rows[-1]) + margin_px + 1, int(columns[-1]) + margin_px + 1
+    return np.s_[low[0] : high[0], low[1] : high[1]]
+
+
+def _fit(
+    z: Image,
+    known: BoolArray,
+    camera: PinholeCamera,
+    noise: DepthNoiseModel,
+    config: DepthPlanesConfig,
+) -> tuple[Image, Image, Image, BoolArray]:
+    """Inverse depth, slopes and validity (h, w) of a crop of the depth image."""
+    inverse = 1 / np.where(known, z, np.float32(np.inf))
+    middle = np.float32(np.median(inverse[known])) if known.any() else np.float32(0)
+    offset = np.where(known, inverse - middle, 0)  # small numbers: float32 keeps the residuals
+    safe = np.where(known, z, 1.0)
+    sigma = (noise.sigma_m(safe, camera.fx) / safe**2).astype(np.float32)  # of inverse depth
+    per_m = (1 / safe**2).astype(np.float32)
+    a, b, c, _, _ = _planes(offset, known, config.radius_px)
+    gate = np.float32(config.gate_sigmas) * sigma + np.float32(config.gate_m) * per_m
+    kept = known & (np.abs(offset - a) < gate)
+    a, b, c, mean_square, count = _planes(np.where(kept, offset, 0), kept, config.radius_px)
+    limit = np.float32(config.max_rms_sigmas) * sigma + np.float32(config.max_rms_m) * per_m
+    a += middle
+    valid = known & (count >= config.min_share * (2 * config.radius_px + 1) ** 2)
+    valid &= (mean_square < limit**2) & (a > 0)
+    valid &= (b * camera.fx) ** 2 + (c * camera.fy) ** 2 < (config.max_slope * a) ** 2
+    valid &= np.abs(inverse - a) < gate  # a flying pixel in front of a plane is not on it
+    return a, b, c, valid
+
+
+def _planes(
+    values: Image, known: BoolArray, radius: int
+) -> tuple[Image, Image, Image, Image, Image]:
+    """Least-squares planes through `values` (0 where not known) in a window around each pixel.
+
+    Returns value and slopes at the middle, mean squared residual, number of readings; (h, w).
+    """
+    one = np.ones(2 * radius + 1, np.float32)
+    ramp = np.arange(-radius, radius + 1, dtype=np.float32)
+
+    def window(image: Image, along_u: Image, along_v: Image) -> Image:
+        got = cv2.sepFilter2D(image, cv2.CV_32F, along_u, along_v, borderType=cv2.BORDER_CONSTANT)
+        return np.asarray(got, dtype=np.float32)
+
+    m = known.astype(np.float32)
+    n, u, v = window(m, one, one), window(m, ramp, one), window(m, one, ramp)
+    s, su, sv = (window(values, *k) for k in ((one, one), (ramp, one), (one, ramp)))
+    share = 1 / np.maximum(n, 1)
+    uu = window(m, ramp**2, one) - u * u * share  # centred on the readings: a 2 x 2 system is left
+    vv = window(m, one, ramp**2) - v * v * share
+    uv = window(m, ramp, ramp) - u * v * share
+    su -= u * s * share
+    sv -= v * s * share
+    determinant = uu * vv - uv * uv
+    solvable = determinant > 1e-3 * np.maximum(n, 1) ** 2  # less: readings on a line
+    inverse = np.where(solvable, 1 / np.where(solvable, determinant, 1), 0)
+    b, c = (vv * su - uv * sv) * inverse, (uu * sv - uv * su) * inverse
+    a = (s - b * u - c * v) * share
+    left = window(values * values, one, one) - s * s * share - b * su - c * sv
+    return a, b, c, np.maximum(left, 0) * share, np.where(solvable, n, 0)

@@ -1,0 +1,1 @@
+"""Which tracks and pixels move with the part."""

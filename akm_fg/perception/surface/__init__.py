@@ -1,0 +1,1 @@
+"""The moving part's surface in keyframes."""

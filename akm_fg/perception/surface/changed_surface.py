@@ -1,0 +1,62 @@
+"""The moving part's surface where depth changed: no track is needed to find it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+
+import cv2
+import numpy as np
+
+from akm_fg.perception.change.depth_change import DepthChange, surface_points
+from akm_fg.perception.depth.depth_planes import DepthPlanesConfig, depth_planes
+from akm_fg.perception.surface.part_cloud import sample_cloud
+from akm_fg.perception.surface.patches import DenseViews, PatchConfig
+from akm_fg.records import BoolArray, FloatArray
+
+_MARGIN_PX = 60  # around the changed pixels: where the part was before it was seen to have moved
+
+
+@dataclass(frozen=True, slots=True)
+class ChangedSurface:
+    """Fits `akm_fg.estimation.given.surface_registration.SurfaceSource`.
+
+    Patches are set where a frame shows a surface nearer than frame 0 does: the part, wherever it
+    stands in front of what was there. They are looked up in all depth, so frame 0 is seen too.
+    """
+
+    change: DepthChange
+    seed: int = 0
+    planes: DepthPlanesConfig = field(default_factory=DepthPlanesConfig)
+    patches: PatchConfig = field(default_factory=PatchConfig)
+
+    def views(
+        self, frames: Sequence[int], R_world: FloatArray, t_world: FloatArray, known: BoolArray
+    ) -> DenseViews:
+        """The part's surface in these frames; the motion is not needed to find it."""
+        del R_world, t_world, known
+        around = self._around()
+        rng = np.random.default_rng(self.seed)
+        numbers = tuple(int(t) for t in frames)
+        fitted, clouds = [], []
+        for t in numbers:
+            planes = depth_planes(
+                self.change.recording.frames[t], self.change.noise, around, self.planes
+            )
+            fitted.append(planes)
+            on_part = replace(planes, valid=planes.valid & self.change.mask(t))
+            clouds.append(sample_cloud(on_part, t, rng, stride_px=2))
+        return DenseViews(numbers, tuple(fitted), tuple(clouds), self.patches)
+
+    def middle(self, R_world: FloatArray, t_world: FloatArray, known: BoolArray) -> FloatArray:
+        """(3,) roughly the middle of the part at state zero, for motions from frame 0."""
+        far = int(np.argmax(np.where(known, self.change.area_m2, -1.0)))
+        points = surface_points(self.change, far, self.change.nearer[far])
+        return np.asarray(R_world[far].T @ (points.mean(axis=0) - t_world[far]))
+
+    def _around(self) -> BoolArray:
+        """(H, W) the changed pixels of all frames and their surroundings."""
+        any_change = np.asarray((self.change.nearer | self.change.farther).any(axis=0))
+        side = 2 * _MARGIN_PX + 1
+        mask = self.change.full_size(any_change).astype(np.uint8)
+        return np.asarray(cv2.dilate(mask, np.ones((side, side), np.uint8)) > 0)

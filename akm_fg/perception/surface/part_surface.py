@@ -1,0 +1,71 @@
+"""The moving part's surface in chosen frames of a recording: masks, planes, patches."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from akm_fg.geometry.rigid_motion import RigidMotion
+from akm_fg.perception.depth.depth_noise import DepthNoiseModel
+from akm_fg.perception.depth.depth_planes import DepthPlanesConfig, depth_planes
+from akm_fg.perception.moving_part.part_mask import PartMaskConfig, propagate_masks
+from akm_fg.perception.observe import ObservedMotion
+from akm_fg.perception.surface.patches import DenseViews, PatchConfig, dense_views
+from akm_fg.records import BoolArray, FloatArray, Recording
+
+
+@dataclass(frozen=True, slots=True)
+class SurfaceConfig:
+    """From images to surface patches."""
+
+    mask: PartMaskConfig = field(default_factory=PartMaskConfig)
+    planes: DepthPlanesConfig = field(default_factory=DepthPlanesConfig)
+    patches: PatchConfig = field(default_factory=PatchConfig)
+
+
+@dataclass(frozen=True, slots=True)
+class PartSurface:
+    """Fits `akm_fg.estimation.given.surface_registration.SurfaceSource`."""
+
+    recording: Recording
+    observed: ObservedMotion
+    noise: DepthNoiseModel
+    seed: int = 0
+    config: SurfaceConfig = field(default_factory=SurfaceConfig)
+
+    def views(
+        self, frames: Sequence[int], R_world: FloatArray, t_world: FloatArray, known: BoolArray
+    ) -> DenseViews:
+        """The part's surface in these frames, its motion over all T frames being known.
+
+        Args:
+            frames: numbers of the frames.
+            R_world: (T, 3, 3) from the reference pose.
+            t_world: (T, 3).
+            known: (T,) frames in which the motion is known.
+        """
+        tracks = self.observed.moving_tracks
+        seen = tracks.observed & known[:, None]
+        back = np.einsum("tji,tnj->tni", R_world, tracks.p_world - t_world[:, None])
+        count = np.maximum(seen.sum(axis=0), 1)[:, None]
+        shape = np.where(seen[..., None], back, 0.0).sum(axis=0) / count
+        any_seen = np.asarray(seen.any(axis=0))
+        motion = RigidMotion(
+            R_world=R_world,
+            t_world=t_world,
+            shape_world=np.where(any_seen[:, None], shape, np.nan),
+            known=known,
+            inlier=any_seen,
+            scale=1.0,
+        )
+        numbers = [int(k) for k in frames]
+        masks = propagate_masks(
+            self.recording, self.observed, numbers, self.noise, self.config.mask, motion
+        )
+        planes = [
+            depth_planes(self.recording.frames[m.frame], self.noise, m.moving, self.config.planes)
+            for m in masks
+        ]
+        return dense_views(numbers, planes, np.random.default_rng(self.seed), self.config.patches)

@@ -1,0 +1,137 @@
+"""Surface patches of the moving part and where they are seen again: data for dense registration.
+
+Patches are set where keyframes show the part's surface, one a cell of space in the reference
+pose. Given the part's motions, a patch is projected into every keyframe; where the depth image
+shows a plane there, of like normal and not far off, the point where the patch's ray meets that
+plane is an observation (projective association, Blais and Levine, 1995). What covers a patch (the
+robot, another part, the image's border) shows no plane of the part there: no observation.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from akm_fg.perception.depth.depth_planes import DepthPlanes
+from akm_fg.perception.surface.part_cloud import PartCloud, sample_cloud
+from akm_fg.records import FloatArray
+from factors.measurements.dense_registration import PatchObservations
+
+
+@dataclass(frozen=True, slots=True)
+class PatchConfig:
+    """Setting patches and finding them again."""
+
+    cell_m: float = 0.006  # of space with one patch: about three pixels at arm's length
+    max_patches: int = 4000
+    max_normal_angle_rad: float = 0.35  # between a patch and the plane seen; normals are +-3 deg
+    min_views: int = 2  # keyframes a patch must be seen in
+
+
+@dataclass(frozen=True, slots=True)
+class Association:
+    """Patches and their observations under one set of motions."""
+
+    patches: PatchObservations
+    uv: FloatArray  # (K, S, 2) pixels where they were looked for
+
+
+@dataclass(frozen=True, slots=True)
+class DenseViews:
+    """The part's surface in K keyframes."""
+
+    frames: tuple[int, ...]  # (K,) numbers in the recording
+    planes: tuple[DepthPlanes, ...]
+    clouds: tuple[PartCloud, ...]
+    config: PatchConfig
+
+    def associate(self, R_world: FloatArray, t_world: FloatArray, gate_m: float) -> Association:
+        """Patches and observations for motions (K, 3, 3), (K, 3) from the reference pose.
+
+        Args:
+            R_world: rotations.
+            t_world: translations.
+            gate_m: how far off the predicted surface an observation may lie.
+        """
+        x, n = self._patches(R_world, t_world)
+        K, S = len(self.planes), x.shape[1]
+        p_world, precision = np.zeros((K, 3, S)), np.zeros((K, S))
+        normal, uv = np.zeros((3, S)), np.full((K, S, 2), np.nan)
+        least_cosine = np.cos(self.config.max_normal_angle_rad)
+        for k, planes in enumerate(self.planes):
+            moved = R_world[k] @ x + t_world[k][:, None]
+            p_cam = planes.T_world_cam.inverse().matrix()[:3] @ np.vstack([moved, np.ones(S)])
+            uv[k] = planes.camera.project(p_cam.T)
+            at = planes.at(uv[k])
+            expected = R_world[k] @ n
+            off = np.abs((expected * (at.p_world.T - moved)).sum(axis=0))
+            good = (expected * at.normal_world.T).sum(axis=0) > least_cosine
+            good &= off < gate_m
+            p_world[k][:, good] = at.p_world[good].T
+            precision[k, good] = at.sigma_normal_m[good] ** -2
+            normal[:, good] += R_world[k].T @ at.normal_world[good].T
+        kept = (precision > 0).sum(axis=0) >= self.config.min_views
+        normal = normal[:, kept]
+        return Association(
+            PatchObservations(
+                p_world[:, :, kept],
+                precision[:, kept],
+                normal / np.maximum(np.linalg.norm(normal, axis=0), 1e-12),
+            ),
+            uv[:, kept],
+        )
+
+    def _patches(self, R_world: FloatArray, t_world: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Points and normals (3, S) in the reference pose, one a cell."""
+        points, normals = [], []
+        for k, cloud in enumerate(self.clouds):
+            points.append((cloud.p_world - t_world[k]) @ R_world[k])
+            normals.append(cloud.normal_world @ R_world[k])
+        x, n = np.concatenate(points), np.concatenate(normals)
+        cell = self.config.cell_m
+        while True:
+            first = _first_of_each(np.floor(x / cell).astype(np.int64))
+            if first.size <= self.config.max_patches:
+                return x[first].T, n[first].T
+            cell *= 1.1 * np.sqrt(first.size / self.config.max_patches)
+
+
+def dense_views(
+    frames: Sequence[int],
+    planes: Sequence[DepthPlanes],
+    rng: np.random.Generator,
+    config: PatchConfig | None = None,
+    points_per_frame: int | None = None,
+) -> DenseViews:
+    """Views of keyframes whose planes are fitted.
+
+    Args:
+        frames: numbers of the keyframes in the recording.
+        planes: of each, within the part's mask.
+        rng: draws the points at which patches may be set.
+        config: tuning.
+        points_per_frame: None for every pixel with a plane.
+    """
+    kept = [k for k, p in enumerate(planes) if p.valid.any()]
+    clouds = tuple(
+        sample_cloud(planes[k], frames[k], rng, max_points=points_per_frame, stride_px=2)
+        for k in kept
+    )
+    return DenseViews(
+        tuple(frames[k] for k in kept),
+        tuple(planes[k] for k in kept),
+        clouds,
+        config or PatchConfig(),
+    )
+
+
+def _first_of_each(cells: NDArray[np.int64]) -> NDArray[np.int_]:
+    """Indices of the first row of each distinct (n, 3) cell."""
+    low = cells.min(axis=0)
+    spread = cells.max(axis=0) - low + 1
+    key = ((cells[:, 0] - low[0]) * spread[1] + cells[:, 1] - low[1]) * spread[2]
+    _, first = np.unique(key + cells[:, 2] - low[2], return_index=True)
+    return np.sort(first)

@@ -1,0 +1,1 @@
+"""Points followed through images and lifted into space."""

@@ -1,0 +1,1 @@
+"""Rows: one a trial, written as it ends, with where it comes from."""

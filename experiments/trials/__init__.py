@@ -1,0 +1,1 @@
+"""What a trial is made of: openings, cells, methods, the bound."""

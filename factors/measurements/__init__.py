@@ -1,0 +1,1 @@
+"""Factors of what is measured: tracks, surfaces, orientations, grasps, boards."""

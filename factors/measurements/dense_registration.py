@@ -1,0 +1,214 @@
+"""Dense registration factor: the depth images of several keyframes show one moving surface.
+
+Claim: S patches of the moving part's surface, each seen in some of K keyframes, lie on the same
+surface once every keyframe is taken back by the joint. Where a patch lands in a keyframe, the
+surface point p_world seen there is one observation of the patch, along its normal alone: a patch
+slides freely in its own plane (point to plane, Chen and Medioni, 1992). Variables: T_world_joint
+(Pose3), the keyframes' states (double; one may be fixed at zero) and a helical joint's pitch.
+
+With M_t the part's motion from state zero (`factors.joint_motion.part_motion`), n_s the patch's
+normal in the reference pose and m_s its latent place along it,
+
+    e_st = n_s^T M_t^-1 p_st - m_s,     cost = 1/2 sum rho(e_st^2 / sigma_st^2) / count_as_one,
+
+rho the Student-t kernel per observation. No keyframe is exact and no pair of keyframes counts
+twice, as in sums over pairs (the paper's Eq. 6): the m_s are marginalised, as the latent points
+of `factors.measurements.point_track` are. Neighbouring readings share their errors; `count_as_one`
+of them count as one, which is what makes the covariance true. Correspondences are fixed within the
+factor and renewed by its caller.
+
+For a small turn of the motion M_t Exp(d_t) the error changes by [n x x_s | -n]^T d_t, x_s the
+patch's reference point; the rest is the chain rule of `factors.joint_motion.motion_jacobians`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import gtsam
+import numpy as np
+from numpy.typing import NDArray
+
+from factors.joint_motion import motion_jacobians, part_motion
+from factors.joint_variables import joint_variables, normal_equations_factor
+from factors.student_t import twice_negative_log_kernel, weight
+
+Array = NDArray[np.float64]
+
+_LATENT_ITERATIONS = 8
+_LATENT_TOLERANCE = 1e-3  # of a standard deviation of the latent place, squared
+
+
+@dataclass(frozen=True, slots=True)
+class PatchObservations:
+    """S surface patches in K keyframes."""
+
+    p_world: Array  # (K, 3, S) metres, the surface point seen where the patch lands
+    precision: Array  # (K, S) inverse variance along the normal, 1/m^2; 0 where not seen
+    normal_world: Array  # (3, S) unit, in the reference pose (state zero)
+
+    def __post_init__(self) -> None:
+        K, _, S = self.p_world.shape
+        if self.precision.shape != (K, S) or self.normal_world.shape != (3, S):
+            raise ValueError(
+                f"points {self.p_world.shape}, precision {self.precision.shape}, normals "
+                f"{self.normal_world.shape}; expected (K, 3, S), (K, S), (3, S)"
+            )
+        if not (np.isfinite(self.precision).all() and (self.precision >= 0).all()):
+            raise ValueError("a precision is negative or not finite")
+        if not np.isfinite(self.p_world).all():
+            raise ValueError("a point is not finite; expected 0 where a patch is not seen")
+
+    @property
+    def seen(self) -> NDArray[np.bool_]:
+        """(K, S)."""
+        return self.precision > 0
+
+
+@dataclass(frozen=True, slots=True)
+class DenseCost:
+    """The cost at one set of motions, latent places at their best."""
+
+    twice_cost: float
+    e: Array  # (K, S) errors, metres; 0 where not seen
+    d2: Array  # (K, S) squared whitened errors; 0 where not seen
+    weight: Array  # (K, S) precision times robust weight over scale^2
+    x_world: Array  # (3, S) the patches' reference points
+    log_det_latent: float  # sum of log information of the latent places
+
+
+def dense_cost(
+    R_world: Array, t_world: Array, patches: PatchObservations, dof: float, scale: float
+) -> DenseCost:
+    """Evaluate the patches' cost.
+
+    Args:
+        R_world: (K, 3, 3) motions from state zero.
+        t_world: (K, 3).
+        patches: the observations.
+        dof: degrees of freedom of the Student-t kernel.
+        scale: factor on the observations' standard deviations.
+    """
+    back = R_world.transpose(0, 2, 1) @ (patches.p_world - t_world[:, :, None])
+    n, seen = patches.normal_world, patches.seen
+    along = np.einsum("as,kas->ks", n, back)
+    precision = patches.precision / scale**2
+    m = _latent_places(along, precision, dof)
+    e = np.where(seen, along - m, 0.0)
+    d2 = precision * e * e
+    w = precision * weight(d2, dof, 1)
+    count = np.maximum(seen.sum(axis=0), 1)
+    middle = np.einsum("ks,kas->as", seen.astype(float), back) / count
+    total = w.sum(axis=0)
+    return DenseCost(
+        twice_cost=float(twice_negative_log_kernel(d2, dof, 1).sum()),
+        e=e,
+        d2=d2,
+        weight=w,
+        x_world=middle + n * (m - (n * middle).sum(axis=0)),
+        log_det_latent=float(np.log(total[total > 0]).sum()),
+    )
+
+
+def _latent_places(along: Array, precision: Array, dof: float) -> Array:
+    """Robust weighted means (S,) of the observed places (K, S), from their plain means.
+
+    What lies far off was not associated: there is no outlier to start away from.
+    """
+    m = (precision * along).sum(axis=0) / np.maximum(precision.sum(axis=0), 1e-300)
+    for _ in range(_LATENT_ITERATIONS):
+        e = along - m
+        w = precision * weight(precision * e * e, dof, 1)
+        total = np.maximum(w.sum(axis=0), 1e-300)
+        step = (w * e).sum(axis=0) / total
+        m += step
+        if float((step**2 * total).mean()) < _LATENT_TOLERANCE:
+            break
+    return m
+
+
+def dense_information(cost: DenseCost, patches: PatchObservations) -> tuple[Array, Array]:
+    """Information (6 K, 6 K) and gradient (6 K,) over the keyframes' twists, latents marginalised.
+
+    The form that `factors.motion_information` has for tracks; the two add up.
+    """
+    K, S = cost.weight.shape
+    n, w = patches.normal_world, cost.weight
+    J = np.concatenate([np.cross(n, cost.x_world, axis=0), -n]).T  # (S, 6)
+    H = np.zeros((K, 6, K, 6))
+    for k in range(K):
+        H[k, :, k] = (J * w[k][:, None]).T @ J
+    g = (w * cost.e) @ J  # (K, 6)
+    total = np.maximum(w.sum(axis=0), 1e-300)
+    held = ((w / np.sqrt(total)).T[:, :, None] * J[:, None, :]).reshape(S, 6 * K)
+    pull = (w * cost.e).sum(axis=0) / np.sqrt(total)
+    return H.reshape(6 * K, 6 * K) - held.T @ held, g.ravel() - held.T @ pull
+
+
+def dense_normal_equations(
+    kind: str,
+    T_world_joint: Array,
+    q: Array,
+    cost: DenseCost,
+    patches: PatchObservations,
+    pitch: float = 0.0,
+) -> tuple[Array, Array]:
+    """Information (d, d) and gradient (d,) over (xi, q), d = 6 + K; helical: (xi, q, pitch)."""
+    K = q.size
+    by_xi, by_state, by_pitch = motion_jacobians(kind, T_world_joint, q, pitch)
+    J = np.zeros((K, 6, 6 + K + (kind == "helical")))
+    J[:, :, :6] = by_xi
+    frames = np.arange(K)
+    J[frames, :, 6 + frames] = by_state
+    if kind == "helical":
+        J[:, :, -1] = by_pitch
+    stacked = J.reshape(6 * K, -1)
+    H, g = dense_information(cost, patches)
+    return stacked.T @ H @ stacked, stacked.T @ g
+
+
+def dense_registration_factor(
+    kind: str,
+    joint_key: int,
+    state_keys: Sequence[int | None],
+    patches: PatchObservations,
+    dof: float,
+    scale: float,
+    count_as_one: float = 1.0,
+    pitch_key: int | None = None,
+) -> gtsam.CustomFactor:
+    """The factor over T_world_joint, the keyframes' states and a helical joint's pitch.
+
+    Args:
+        kind: joint kind.
+        joint_key: key of T_world_joint (Pose3).
+        state_keys: one a keyframe, key of q_t (double), or None where q_t is fixed at zero.
+        patches: the observations, K keyframes.
+        dof: degrees of freedom of the Student-t kernel.
+        scale: factor on the observations' standard deviations.
+        count_as_one: neighbouring observations that count as one (relative to those of other
+            factors, where all are tempered alike afterwards).
+        pitch_key: key of a helical joint's pitch (double), metres per radian.
+
+    Raises:
+        ValueError: the number of keys is not that of the keyframes, an unknown kind, a pitch key
+            where there is no pitch (or none where there is one), a scale or a count that is not
+            positive.
+    """
+    variables = joint_variables(kind, joint_key, state_keys, pitch_key, patches.p_world.shape[0])
+    if not (scale > 0 and count_as_one > 0):
+        raise ValueError(f"scale {scale} and count_as_one {count_as_one}, expected > 0")
+
+    def evaluate(
+        T_world_joint: Array, q: Array, pitch: float, want_equations: bool
+    ) -> tuple[float, tuple[Array, Array] | None]:
+        R, t = part_motion(kind, T_world_joint, q, pitch)
+        cost = dense_cost(R, t, patches, dof, scale)
+        equations = None
+        if want_equations:
+            H, g = dense_normal_equations(kind, T_world_joint, q, cost, patches, pitch)
+            equations = H / count_as_one, g / count_as_one
+        return cost.twice_cost / count_as_one, equations
+
+    return normal_equations_factor(variables, evaluate)

@@ -1,0 +1,190 @@
+"""The cost of point tracks at one joint and one set of states.
+
+See `factors.measurements.point_track`.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from factors.joint_motion import joint_displacement, reference_coordinates
+from factors.packed import (
+    COL,
+    ROW,
+    inverse_and_determinant,
+    multiples_of_identity,
+    rotated,
+    squared_length,
+    times,
+)
+from factors.student_t import twice_negative_log_kernel, weight
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True)
+class TrackObservations:
+    """Observed points in the layout the factor works in."""
+
+    p_world: Array  # (T, 3, N) metres; 0 where not observed
+    information_world: Array  # (T, 6 or 1, N) inverse covariance, packed; 0 where not observed
+    observed: NDArray[np.bool_]  # (T, N)
+    log_det_cov: float  # sum over the observed of log |cov|
+
+    @staticmethod
+    def from_points(p_world: Array, cov_world: Array) -> TrackObservations:
+        """Pack points (T, N, 3), NaN where lost, with covariances (T, N, 3, 3) in m^2.
+
+        Raises:
+            ValueError: shapes that do not match, or a covariance that is not positive definite.
+        """
+        if p_world.ndim != 3 or p_world.shape[2] != 3 or cov_world.shape != (*p_world.shape, 3):
+            raise ValueError(
+                f"points {p_world.shape} and covariances {cov_world.shape}, "
+                "expected (T, N, 3) and (T, N, 3, 3)"
+            )
+        finite = np.isfinite(p_world)
+        observed: NDArray[np.bool_] = finite[..., 0] & finite[..., 1] & finite[..., 2]
+        packed = np.empty((6, *observed.shape))
+        for k, (i, j) in enumerate(zip(ROW, COL, strict=True)):
+            packed[k] = cov_world[..., i, j]
+        points = p_world
+        if not observed.all():
+            packed = np.where(observed, packed, np.eye(3)[ROW, COL][:, None, None])
+            points = np.where(observed[..., None], p_world, 0.0)
+        if not np.isfinite(packed).all():
+            raise ValueError("a covariance of an observed point is not finite")
+        minors = [packed[0], packed[0] * packed[3] - packed[1] * packed[1]]
+        if multiples_of_identity(packed):
+            packed = packed[:1]
+        with np.errstate(divide="ignore", invalid="ignore"):
+            inverse, determinant = inverse_and_determinant(packed)
+        if not all((minor > 0).all() for minor in (*minors, determinant)):  # Sylvester's criterion
+            raise ValueError("a covariance is not positive definite")
+        return TrackObservations(
+            p_world=np.ascontiguousarray(points.swapaxes(1, 2)),
+            information_world=np.ascontiguousarray((inverse * observed).swapaxes(0, 1)),
+            observed=observed,
+            log_det_cov=float(np.log(determinant).sum()),
+        )
+
+    def select(self, tracks: NDArray) -> TrackObservations:
+        """The tracks with these indices; `log_det_cov` is not theirs and NaN."""
+        return TrackObservations(
+            self.p_world[:, :, tracks],
+            self.information_world[:, :, tracks],
+            self.observed[:, tracks],
+            float("nan"),
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class TrackCost:
+    """The cost of all tracks at one joint and one set of states, latent points at their best."""
+
+    twice_cost: float
+    d2: Array  # (T, N) squared whitened errors; 0 where not observed
+    x_joint: Array  # (3, N) latent reference points, joint frame
+    log_det_latent: float  # sum of log |information of x_n|
+    z_joint: Array  # (T, 3, N) reference coordinates
+    information: Array  # (T, 6 or 1, N) weighted, packed, in reference coordinates
+
+
+def track_cost(
+    kind: str,
+    T_world_joint: Array,
+    q: Array,
+    tracks: TrackObservations,
+    dof: float,
+    scale: float,
+    x_start: Array | None = None,
+    pitch: float = 0.0,
+) -> TrackCost:
+    """Evaluate the tracks' cost.
+
+    Args:
+        kind: joint kind.
+        T_world_joint: (4, 4).
+        q: (T,) states.
+        tracks: the observations.
+        dof: degrees of freedom of the Student-t kernel.
+        scale: factor on the observations' standard deviations.
+        x_start: (3, N) where to start the latent points; their medians over the frames if None.
+        pitch: of a helical joint, metres per radian.
+    """
+    z, information = taken_back(kind, T_world_joint, q, tracks, pitch)
+    x = first_reference(z, tracks.observed) if x_start is None else x_start
+    x, weighted, d2 = best_reference(z, information / scale**2, x, dof)
+    return TrackCost(
+        twice_cost=float(twice_negative_log_kernel(d2, dof, 3).sum()),
+        d2=d2,
+        x_joint=x,
+        log_det_latent=float(np.log(inverse_and_determinant(weighted.sum(axis=0))[1]).sum()),
+        z_joint=z,
+        information=weighted,
+    )
+
+
+def taken_back(
+    kind: str, T_world_joint: Array, q: Array, tracks: TrackObservations, pitch: float = 0.0
+) -> tuple[Array, Array]:
+    """Reference coordinates (T, 3, N) of the observations, and their information there, packed."""
+    z = reference_coordinates(kind, T_world_joint, q, tracks.p_world, pitch)
+    information = tracks.information_world
+    if information.shape[1] > 1:
+        rotations, _ = joint_displacement(kind, q)
+        information = rotated(information, T_world_joint[:3, :3] @ rotations)
+    return z, information
+
+
+def first_reference(z: Array, observed: NDArray[np.bool_]) -> Array:
+    """Median over the frames of each point's reference coordinates, (3, N)."""
+    growing = np.sort(np.where(observed[:, None, :], z, np.inf), axis=0)  # the unseen come last
+    count = observed.sum(axis=0)
+    middle = np.stack([(count - 1) // 2, count // 2])[:, None, :]
+    lower, upper = np.take_along_axis(growing, middle, axis=0)
+    return np.asarray(0.5 * (lower + upper))
+
+
+def rough_track_cost(kind: str, T_world_joint: Array, q: Array, tracks: TrackObservations) -> Array:
+    """Squared whitened errors (M,) of the M observations, latent points at their medians.
+
+    For comparing starts: cheap, and not for sale to outliers when a median is taken of it.
+    """
+    z, information = taken_back(kind, T_world_joint, q, tracks)
+    z -= first_reference(z, tracks.observed)
+    return squared_length(information, z)[tracks.observed]
+
+
+def best_reference(
+    z: Array,
+    information: Array,
+    x: Array,
+    dof: float,
+    iterations: int = 20,
+    tolerance: float = 5e-3,
+) -> tuple[Array, Array, Array]:
+    """Minimise each point's robust cost over its reference; x, weighted information, d2."""
+    x = x.copy()
+    active: slice | NDArray[np.int_] = slice(None)
+    z_active, information_active = z, information
+    for _ in range(iterations):
+        e = z_active - x[:, active]
+        w = weight(squared_length(information_active, e), dof, 3)[:, None, :]
+        weighted = information_active * w
+        pull = times(weighted, e).sum(axis=0)
+        step = times(inverse_and_determinant(weighted.sum(axis=0))[0][None], pull[None])[0]
+        x[:, active] += step
+        # A step's squared length in units of the reference's own standard deviation.
+        moving = (step * pull).sum(axis=0) > tolerance
+        count = np.count_nonzero(moving)
+        if count == 0:
+            break
+        if count < 0.7 * moving.size:  # points settle at their own pace
+            active = np.flatnonzero(moving) if isinstance(active, slice) else active[moving]
+            z_active, information_active = z[:, :, active], information[:, :, active]
+    d2 = squared_length(information, z - x)
+    return x, information * weight(d2, dof, 3)[:, None, :], d2

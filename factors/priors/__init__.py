@@ -1,0 +1,1 @@
+"""Factors of what is known beforehand, and the gauge."""

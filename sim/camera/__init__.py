@@ -1,0 +1,1 @@
+"""The simulated camera: renderers, noise, masks, calibration boards."""

@@ -1,0 +1,269 @@
+"""The two embedded objects, `door` and `drawer`: one cabinet each, varied by a seed.
+
+Geometry comes from scene_synthesizer; masses, inertia, damping, friction and looks are ours,
+because its masses are grams and it has no textures. Object frame: x along the front, y into the
+cabinet, z up, origin on the floor under the middle. The gripper frame is that of `Arm`.
+"""
+
+from __future__ import annotations
+
+import tempfile
+import xml.etree.ElementTree as ET
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal, Protocol
+
+import cv2
+import gtsam
+import numpy as np
+from scene_synthesizer.procedural_assets import CabinetAsset
+
+from akm_fg.records import FloatArray
+from sim.bullet import quiet
+from sim.objects.mechanisms import Catch, Closer
+from sim.objects.meshes import Box
+from sim.objects.textures import FRONT_TEXTURES, Rgb, brushed_metal, rotated
+from sim.objects.urdf_files import write_urdf
+
+OBJECT_NAMES = ("door", "drawer")
+
+
+@dataclass(frozen=True, slots=True)
+class ObjectSpec:
+    """One cabinet with one moving part. Everything here is truth: for building and scoring."""
+
+    name: str
+    seed: int
+    kind: Literal["prismatic", "revolute"]
+    hinge: Literal["left", "right"] | None  # as seen from the front; None for a drawer
+    size_m: FloatArray  # (3,) width, depth, height
+    front_height_m: float  # of the moving front; a closed panel fills the rest below it
+    handle_bar_m: float  # thickness of the bar
+    handle_length_m: float
+    handle_reach_m: float  # from the front to the outside of the bar
+    handle_shift_m: FloatArray  # (2,) of the handle from its usual place, along x and z
+    mass_kg: float  # of the moving part
+    damping: float  # N s/m or N m s/rad
+    friction: float  # Coulomb, N or N m
+    upper: float  # end of the range, m or rad
+    handle_mu: float  # sliding friction of the handle against rubber with mu 1
+    front_texture: str
+    catch: Catch | None = None  # holds it closed
+    closer: Closer | None = None  # pulls it shut
+
+
+class PartSpec(Protocol):
+    """What the world needs to know of any object with one moving part."""
+
+    @property
+    def name(self) -> str:
+        """What the object is called."""
+
+    @property
+    def seed(self) -> int:
+        """Of what varies from one meeting to the next."""
+
+    @property
+    def kind(self) -> Literal["prismatic", "revolute"]:
+        """Of the joint."""
+
+    @property
+    def size_m(self) -> FloatArray:
+        """(3,) width, depth, height."""
+
+    @property
+    def mass_kg(self) -> float:
+        """Of the moving part."""
+
+    @property
+    def damping(self) -> float:
+        """N s/m or N m s/rad."""
+
+    @property
+    def friction(self) -> float:
+        """Coulomb, N or N m."""
+
+    @property
+    def upper(self) -> float:
+        """End of the range, m or rad; it begins at 0, closed."""
+
+    @property
+    def handle_mu(self) -> float:
+        """Sliding friction of the handle against rubber with mu 1."""
+
+    @property
+    def catch(self) -> Catch | None:
+        """Holds the part closed."""
+
+    @property
+    def closer(self) -> Closer | None:
+        """Pulls the part shut."""
+
+
+@dataclass(frozen=True, slots=True)
+class BuiltObject:
+    """An object's files and geometry, in its own frame."""
+
+    spec: PartSpec
+    urdf: Path
+    axis_object: FloatArray  # (3,) unit; the part opens along it (right-hand rule)
+    pivot_object: FloatArray  # (3,) a point of the joint axis
+    T_object_handle: gtsam.Pose3  # closed; z the way the fingers approach, x along the bar
+    p_object_front: FloatArray  # (3,) middle of the closed front
+    handle_thickness_m: float  # between the fingers
+    view_side: float  # +1 or -1: from where, along x, the opened front is seen best; 0: from both
+    view_low: bool = False  # the front turns down: a camera sees it only from low
+    lift_n: float = 0.0  # upward force of a balanced hinge on the part's centre of mass
+
+
+# The ranges over which every object is opened, whatever more it has: the paper's protocol.
+STANDARD_OPENING = {"prismatic": 0.40, "revolute": float(np.deg2rad(40.0))}  # m, rad
+
+
+def standard_range(spec: PartSpec) -> float:
+    """End of the standardised range, m or rad: 0.40 m or 40 deg, or the joint's own end."""
+    return min(STANDARD_OPENING[spec.kind], spec.upper)
+
+
+def sample_object(name: str, seed: int) -> ObjectSpec:
+    """The object `name` as varied by `seed`.
+
+    Figures are those of kitchen and office furniture: drawers of 2 to 6 kg on slides with 2 to
+    6 N of friction, doors of 3 to 8 kg with 0.2 to 0.8 N m in the hinges.
+
+    Raises:
+        ValueError: no such object.
+    """
+    if name not in OBJECT_NAMES:
+        raise ValueError(f"object {name!r}, expected one of {', '.join(OBJECT_NAMES)}")
+    rng = np.random.default_rng([seed, OBJECT_NAMES.index(name)])
+    drawer = name == "drawer"
+    height = rng.uniform(0.6, 0.75)
+    front = rng.uniform(0.2, 0.3) if drawer else rng.uniform(0.38, 0.5)
+    hinge: Literal["left", "right"] = "left" if rng.random() < 0.5 else "right"
+    return ObjectSpec(
+        name=name,
+        seed=seed,
+        kind="prismatic" if drawer else "revolute",
+        hinge=None if drawer else hinge,
+        size_m=np.array([rng.uniform(0.38, 0.52), 0.56 if drawer else 0.4, height]),
+        front_height_m=front,
+        handle_bar_m=rng.uniform(0.012, 0.02),
+        handle_length_m=rng.uniform(0.12, 0.18),
+        handle_reach_m=rng.uniform(0.042, 0.055),
+        handle_shift_m=rng.uniform(-0.03, 0.03, 2),
+        mass_kg=rng.uniform(2.0, 6.0) if drawer else rng.uniform(3.0, 8.0),
+        damping=rng.uniform(3.0, 12.0) if drawer else rng.uniform(0.3, 1.0),
+        friction=rng.uniform(2.0, 6.0) if drawer else rng.uniform(0.2, 0.8),
+        upper=0.44 if drawer else np.pi / 2,
+        handle_mu=rng.uniform(0.8, 1.0),
+        front_texture=str(rng.choice(sorted(FRONT_TEXTURES))),
+    )
+
+
+def build_object(spec: ObjectSpec, folder: Path) -> BuiltObject:
+    """Writes the object's URDF, meshes and textures into `folder`."""
+    links, joint = _synthesize(spec)
+    rng = np.random.default_rng([spec.seed, 77])
+    _write_textures(spec, folder, rng)
+    moved = _place_handle(links["part"], spec)
+    urdf = write_urdf(spec, links["corpus"], moved, joint.origin, joint.axis, folder)
+    bar = next(box for box in moved if box.name.endswith("handle_part_0"))
+    R_object_handle = gtsam.Rot3(np.array([[1.0, 0, 0], [0, 0, 1.0], [0, -1.0, 0]]))
+    if spec.kind == "revolute":  # the bar stands upright: x along it
+        R_object_handle = R_object_handle * gtsam.Rot3.Rz(-np.pi / 2)
+    p_bar = joint.origin + bar.T_link_box.translation()
+    _, depth, height = spec.size_m.tolist()
+    right = spec.hinge == "right" if spec.hinge else spec.seed % 2 == 1
+    return BuiltObject(
+        spec=spec,
+        urdf=urdf,
+        axis_object=joint.axis,
+        pivot_object=joint.origin,
+        T_object_handle=gtsam.Pose3(R_object_handle, p_bar),
+        p_object_front=np.array([0.0, -depth / 2.0, height - spec.front_height_m / 2.0]),
+        handle_thickness_m=spec.handle_bar_m,
+        view_side=1.0 if right else -1.0,
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class _Joint:
+    origin: FloatArray  # (3,) object frame
+    axis: FloatArray  # (3,)
+
+
+def _synthesize(spec: ObjectSpec) -> tuple[dict[str, list[Box]], _Joint]:
+    """Boxes of the corpus and of the part, each in its link's frame, and the joint."""
+    width, depth, height = spec.size_m.tolist()
+    # The library's door_left has its hinge on the right as seen from the front.
+    kind = "drawer"
+    if spec.kind == "revolute":
+        kind = "door_right" if spec.hinge == "left" else "door_left"
+    with tempfile.TemporaryDirectory() as scratch, quiet():
+        asset = CabinetAsset(
+            width=width,
+            depth=depth,
+            height=height,
+            compartment_mask=[[0], [1]],
+            compartment_types=[kind, "closed"],
+            compartment_heights=[spec.front_height_m, height - spec.front_height_m],
+            outer_wall_thickness=0.016,
+            drawer_wall_thickness=0.012,
+            handle_width=spec.handle_length_m,
+            handle_height=spec.handle_reach_m,
+            handle_depth=spec.handle_bar_m,
+        )
+        path = Path(scratch) / "raw.urdf"
+        asset.scene().export(str(path))
+        root = ET.parse(path).getroot()
+    moving = next(j for j in root.iter("joint") if j.get("type") != "fixed")
+    child = moving.find("child").get("link")  # type: ignore[union-attr]
+    origin = _numbers(moving.find("origin"), "xyz")
+    links: dict[str, list[Box]] = {"corpus": [], "part": []}
+    for link in root.iter("link"):
+        for collision in link.iter("collision"):
+            links["part" if link.get("name") == child else "corpus"].append(_box(collision))
+    return links, _Joint(origin, _numbers(moving.find("axis"), "xyz"))
+
+
+def _numbers(element: ET.Element | None, key: str) -> FloatArray:
+    assert element is not None
+    return np.array([float(x) for x in str(element.get(key)).split()])
+
+
+def _box(collision: ET.Element) -> Box:
+    name = str(collision.get("name"))
+    rpy = _numbers(collision.find("origin"), "rpy")
+    material = "carcass"
+    if "handle" in name:
+        material = "handle"
+    elif name.endswith(("board_0", "_door")) or "closed" in name:
+        material = "front"
+    T_link_box = gtsam.Pose3(gtsam.Rot3.RzRyRx(*rpy), _numbers(collision.find("origin"), "xyz"))
+    return Box(name, _numbers(collision.find("geometry/box"), "size"), T_link_box, material)
+
+
+def _place_handle(boxes: list[Box], spec: ObjectSpec) -> list[Box]:
+    """The part's boxes with the handle shifted by the spec's x and z."""
+    shift = np.array([spec.handle_shift_m[0], 0.0, spec.handle_shift_m[1]])
+    if spec.kind == "revolute":  # keep the bar on the door: shift only towards the hinge
+        shift[0] = abs(shift[0]) * (1.0 if spec.hinge == "right" else -1.0)
+    moved = []
+    for box in boxes:
+        T = box.T_link_box
+        if box.material == "handle":
+            T = gtsam.Pose3(T.rotation(), T.translation() + shift)
+        moved.append(Box(box.name, box.size_m, T, box.material))
+    return moved
+
+
+def _write_textures(spec: ObjectSpec, folder: Path, rng: np.random.Generator) -> None:
+    front = FRONT_TEXTURES[spec.front_texture](rng)
+    textures: dict[str, Rgb] = {
+        "front": rotated(front) if rng.random() < 0.5 else front,
+        "carcass": FRONT_TEXTURES[spec.front_texture](rng),
+        "handle": brushed_metal(rng),
+    }
+    for name, image in textures.items():
+        cv2.imwrite(str(folder / f"{name}.png"), image[..., ::-1])

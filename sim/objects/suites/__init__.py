@@ -1,0 +1,1 @@
+"""Suites of single-joint objects behind one interface: `sim.objects.suites.catalogue`."""

@@ -1,0 +1,51 @@
+"""Writes a piece of furniture as URDF, meshes and textures."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import gtsam
+
+from akm_fg.records import FloatArray
+from sim.objects.embedded import BuiltObject
+from sim.objects.suites.finishes import write_textures
+from sim.objects.suites.furniture_body import make_body
+from sim.objects.suites.furniture_spec import FurnitureSpec
+from sim.objects.suites.handles import edge_strip, handle_boxes, handle_pose
+from sim.objects.urdf_files import write_urdf
+
+GRAVITY_M_S2 = 9.81
+
+
+def build_furniture(spec: FurnitureSpec, folder: Path) -> BuiltObject:
+    """Writes the object's files into `folder`; the same spec gives the same bytes."""
+    body = make_body(spec)
+    lower, upper = body.front()
+    T_part_handle = handle_pose(spec, lower, upper)
+    part = body.part + handle_boxes(spec.handle, T_part_handle)
+    if spec.handle.style == "edge":
+        part = [*part, edge_strip(spec, lower, upper)]
+    write_textures(spec, folder)
+    urdf = write_urdf(spec, body.corpus, part, body.origin, body.axis, folder)
+    middle = (lower + upper) / 2.0
+    middle[1] = lower[1]
+    # A hinge that lies is balanced by springs or struts, as real ovens and flaps are.
+    lying = spec.hinge in ("top", "bottom")
+    side = {"left": -1.0, "right": 1.0}
+    return BuiltObject(
+        spec=spec,
+        urdf=urdf,
+        axis_object=body.axis,
+        pivot_object=body.origin,
+        T_object_handle=_moved(T_part_handle, body.origin),
+        p_object_front=body.origin + middle,
+        handle_thickness_m=spec.handle.thickness_m,
+        view_side=side.get(spec.hinge or "", 0.0),
+        view_low=spec.hinge == "bottom",
+        lift_n=GRAVITY_M_S2 * spec.mass_kg if lying else 0.0,
+    )
+
+
+def _moved(T_part_handle: gtsam.Pose3, origin: FloatArray) -> gtsam.Pose3:
+    """T_object_handle: closed, the part's frame is only shifted."""
+    return gtsam.Pose3(T_part_handle.rotation(), T_part_handle.translation() + origin)

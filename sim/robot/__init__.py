@@ -1,0 +1,1 @@
+"""The simulated Franka: what drives and senses it."""

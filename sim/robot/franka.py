@@ -1,0 +1,292 @@
+"""The Franka of the simulated world. Fits `akm_fg.interfaces.Arm` by shape."""
+
+from __future__ import annotations
+
+from collections.abc import Generator, Iterator, Sequence
+
+import gtsam
+import numpy as np
+
+from akm_fg.arm.collision import Obstacle
+from akm_fg.arm.free_motion import RrtConnectPlanner, timed_motion
+from akm_fg.arm.impedance import cartesian_torques, joint_impedance
+from akm_fg.arm.kinematics import N_ARM, Q_HOME, pose_error
+from akm_fg.arm.limits import MotionRecorder
+from akm_fg.arm.pulling import Pull
+from akm_fg.arm.reaching import (
+    GraspConfiguration,
+    GraspOptions,
+    grasp_options,
+    line_motion,
+    standoff,
+)
+from akm_fg.arm.reference import pose_reference, within_joint_limits
+from akm_fg.arm.surroundings import KnownScene, Surroundings
+from akm_fg.arm.tracking import PathTracker
+from akm_fg.errors import GraspFailed, MotionInfeasible
+from akm_fg.records import FloatArray, RgbdFrame, TimedPath
+from sim.robot.drive import ArmDrive
+from sim.robot.franka_config import FrankaConfig
+from sim.robot.gripper import SimGripper
+from sim.world import SimWorld
+
+
+class SimFranka:
+    """Torque-controlled arm with a friction gripper. Motions execute while iterated.
+
+    It knows its own joints, fingers and geometry, and nothing of the object.
+    """
+
+    def __init__(self, world: SimWorld, config: FrankaConfig | None = None) -> None:
+        self.config = config or FrankaConfig()
+        self._kinematics = world.kinematics
+        self.gripper = SimGripper(world, self.config.gripper)
+        self._drive = ArmDrive(world, self.gripper)
+        self._q_rest = Q_HOME.copy()
+        self._scene = KnownScene(world.placement.floor_m, self.config.around)
+
+    def see(self, frame: RgbdFrame) -> None:
+        """Keep clear, from now on, of what this frame shows and of what it cannot show behind it.
+
+        The frame is of this moment, the robot's own pixels carry no depth. Without any frame the
+        arm knows the floor and its own pedestal.
+        """
+        self._scene.see(frame, self.measured_joints()[0])
+
+    def know(self, obstacles: Sequence[Obstacle]) -> None:
+        """Keep clear, from now on, of things whose shape and place are known beforehand."""
+        self._scene.know(obstacles)
+
+    def record(self) -> MotionRecorder:
+        """From now on every executed control step goes into the recorder that is returned."""
+        self._drive.recorder = MotionRecorder(self._drive.step_s)
+        return self._drive.recorder
+
+    def measured_joints(self) -> tuple[FloatArray, FloatArray]:
+        """Joint angles (7,) rad and speeds (7,) rad/s."""
+        state = self._drive.refresh()
+        return state.q, state.dq
+
+    def T_world_gripper(self) -> gtsam.Pose3:
+        """The measured gripper pose (forward kinematics of the measured joints)."""
+        return self._kinematics.T_world_gripper(self.measured_joints()[0])
+
+    def holding(self) -> bool:
+        """Whether something is between the closed fingers."""
+        return self.gripper.closed_on_something()
+
+    def grasp(self, T_world_grasp: gtsam.Pose3, tick_s: float) -> Iterator[None]:
+        """Let go, move to the pre-grasp, approach along the gripper's z, close the fingers.
+
+        Raises:
+            MotionInfeasible: the pose cannot be reached, or not without touching something.
+            GraspFailed: the arm met something on its way, the approach was blocked, or the fingers
+                met with nothing between them.
+        """
+        around, options = self._options(T_world_grasp)
+        yield from self._drive.execute(self._release(), tick_s)
+        motion = self._reach(T_world_grasp, options.configurations, around)
+        yield from self._drive.execute(motion, tick_s)
+        off_m = float(
+            np.linalg.norm(self.T_world_gripper().translation() - T_world_grasp.translation())
+        )
+        if off_m > self.config.arrival_m:
+            raise GraspFailed(_blocked(off_m))
+        yield from self._drive.execute(self._close(T_world_grasp), tick_s)
+        if not self.holding():
+            raise GraspFailed("the fingers met with nothing between them")
+
+    def pull(self, direction_world: FloatArray, distance_m: float, tick_s: float) -> Iterator[None]:
+        """Pull gently, starting along a unit vector, and follow where the part lets the hand go.
+
+        Ends after `distance_m` of travelled path, or when the part does not give.
+        """
+        yield from self._drive.execute(self._pull(direction_world, distance_m), tick_s)
+
+    def follow(self, path: TimedPath, tick_s: float) -> Iterator[None]:
+        """Follow a timed path compliantly, and wait until the arm has come to rest.
+
+        The path takes longer than asked where the joints' limits ask for it.
+
+        Raises:
+            MotionInfeasible: a pose of the path cannot be reached.
+        """
+        q = self.measured_joints()[0]
+        feasible = within_joint_limits(self._kinematics, path, q, self._drive.step_s)
+        if feasible is None:
+            raise MotionInfeasible("a pose of the path is out of the arm's reach")
+        yield from self._drive.execute(self._track(feasible), tick_s)
+
+    def _sense(self) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray, FloatArray]:
+        """q, dq, T_world_gripper (4, 4), J_gripper_q (6, 7), torques of gravity and Coriolis."""
+        state = self._drive.state
+        q, dq, fingers = state.q, state.dq, sum(state.fingers_m) / 2.0
+        balance = self._kinematics.inverse_dynamics(q, dq, np.zeros(N_ARM), fingers)
+        T, J = self._kinematics.update(q, fingers)
+        return q, dq, T, J, balance
+
+    def _cartesian(
+        self, T_wanted: FloatArray, speed: FloatArray, sideways_n_m: float | None = None
+    ) -> tuple[FloatArray, FloatArray]:
+        """Torques of the stiff Cartesian impedance towards a pose moving at `speed` (6,).
+
+        `sideways_n_m` replaces the stiffness along the fingers' opening. Second comes what the
+        hand lacks of the pose (6,), m and rad, world axes.
+        """
+        c = self.config.impedance
+        q, dq, T, J, balance = self._sense()
+        error, twist = pose_error(T_wanted, T), J @ dq
+        force = c.stiffness_n_m * error[:3] + c.damping_n_s_m * (speed[:3] - twist[:3])
+        if sideways_n_m is not None:
+            y = T[:3, 1]
+            force -= (c.stiffness_n_m - sideways_n_m) * (y @ error[:3]) * y
+        moment = c.stiffness_rot * error[3:] + c.damping_rot * (speed[3:] - twist[3:])
+        wrench = np.concatenate([force, moment])
+        return cartesian_torques(wrench, J, q, dq, self._q_rest, balance, c), error
+
+    def _options(self, T_world_grasp: gtsam.Pose3) -> tuple[Surroundings, GraspOptions]:
+        """What is around, and the arm's clear configurations for a grasp: at least one.
+
+        Raises:
+            MotionInfeasible: there are none.
+        """
+        reach = self.config.reach
+        around = self._scene.around(T_world_grasp, reach.margins_m[0])
+        options = grasp_options(self._kinematics, T_world_grasp, around, reach)
+        where = f"the grasp at {np.round(T_world_grasp.translation(), 3)} m"
+        if not options.reachable:
+            raise MotionInfeasible(f"{where} is out of the arm's reach")
+        if not options.configurations:
+            raise MotionInfeasible(f"{where} is not clear: {options.touched} would touch")
+        return around, options
+
+    def _reach(
+        self,
+        T_world_grasp: gtsam.Pose3,
+        goals: Sequence[GraspConfiguration],
+        around: Surroundings,
+    ) -> Iterator[FloatArray]:
+        """To a pre-grasp, and straight on to the grasp."""
+        reached = yield from self._free_motion(goals, around)
+        yield from self._approach(T_world_grasp, reached)
+
+    def _free_motion(
+        self, goals: Sequence[GraspConfiguration], around: Surroundings
+    ) -> Generator[FloatArray, None, GraspConfiguration]:
+        """To the first of the pre-grasps that it finds a free way to; which one is returned."""
+        planner = RrtConnectPlanner(around.free_motion, self.config.plan)
+        q_from, problem = self._drive.state.q, None
+        for goal in goals:
+            try:
+                waypoints = planner.plan(q_from, goal.q_pregrasp)
+            except MotionInfeasible as error:
+                problem = problem or error
+                continue
+            yield from self._joint_move(waypoints, around)
+            return goal
+        assert problem is not None
+        raise problem
+
+    def _joint_move(self, waypoints: FloatArray, around: Surroundings) -> Iterator[FloatArray]:
+        """Free motion along waypoints (K, 7) rad, the first where the arm is, from rest to rest."""
+        step_m = self.config.plan.step_m
+        motion = timed_motion(
+            waypoints, around.free_motion, self._drive.step_s, self.config.time_law, step_m
+        )
+        for q_ref, dq_ref, ddq_ref in zip(motion.q, motion.dq, motion.ddq, strict=True):
+            state = self._drive.state
+            fingers = sum(state.fingers_m) / 2.0
+            balance = self._kinematics.inverse_dynamics(state.q, state.dq, ddq_ref, fingers)
+            if np.abs(q_ref - state.q).max() > self.config.met_rad:
+                raise GraspFailed("the arm met something on its way to the handle")
+            yield joint_impedance(q_ref, dq_ref, state.q, state.dq, balance, self.config.joints)
+        self._q_rest = motion.q[-1].copy()
+
+    def _approach(
+        self, T_world_grasp: gtsam.Pose3, choice: GraspConfiguration
+    ) -> Iterator[FloatArray]:
+        c, T = self.config, T_world_grasp
+        turn_rad = max(float(np.abs(choice.q_grasp - choice.q_pregrasp).max()), 1e-6)
+        speed_m_s = min(
+            c.unseen_m_s if choice.unseen else c.approach_m_s,
+            c.approach_rad_s * choice.standoff_m / turn_rad,
+        )
+        yield from self._straight(T, choice.standoff_m, c.guarded_m, speed_m_s, c.blocked_m)
+        yield from self._straight(T, c.guarded_m, 0.0, c.guarded_m_s, c.blocked_m)
+        yield from self._stay(T.matrix(), c.settle_s)
+
+    def _straight(
+        self,
+        T_world_goal: gtsam.Pose3,
+        from_m: float,
+        to_m: float,
+        speed_m_s: float,
+        blocked_m: float = np.inf,
+    ) -> Iterator[FloatArray]:
+        """Along the goal's z, from `from_m` behind it to `to_m` behind it.
+
+        Raises:
+            GraspFailed: the hand stays behind by more than `blocked_m`: something is in the way.
+        """
+        sign = 1.0 if from_m > to_m else -1.0
+        forward = sign * T_world_goal.rotation().matrix()[:, 2]
+        wanted = standoff(T_world_goal, from_m).matrix()
+        start, last = wanted[:3, 3].copy(), 0.0
+        for s in line_motion(abs(from_m - to_m), self._drive.step_s, speed_m_s):
+            wanted[:3, 3] = start + s * forward
+            velocity = (s - last) / self._drive.step_s * forward
+            last = s
+            tau, error = self._cartesian(wanted, np.concatenate([velocity, np.zeros(3)]))
+            if forward @ error[:3] > blocked_m:
+                left_m = forward @ (T_world_goal.translation() - wanted[:3, 3] + error[:3])
+                raise GraspFailed(_blocked(float(left_m)))
+            yield tau
+
+    def _stay(self, T_wanted: FloatArray, duration_s: float) -> Iterator[FloatArray]:
+        for _ in range(round(duration_s / self._drive.step_s)):
+            yield self._cartesian(T_wanted, np.zeros(6))[0]
+
+    def _close(self, T_world_grasp: gtsam.Pose3) -> Iterator[FloatArray]:
+        """Close, with the hand soft sideways so that an off-centre bar moves it, not the part."""
+        self.gripper.close()
+        wanted, step_s = T_world_grasp.matrix(), self._drive.step_s
+        squeezed_s = 0.0
+        for _ in range(round(self.config.close_max_s / step_s)):
+            yield self._cartesian(wanted, np.zeros(6), self.config.impedance.sideways_n_m)[0]
+            squeezed_s += step_s * self.gripper.at_full_force
+            if squeezed_s >= self.config.squeeze_s:
+                break
+        self._q_rest = self._drive.state.q
+
+    def _release(self) -> Iterator[FloatArray]:
+        was_closed = self.gripper.squeezing
+        self.gripper.open()
+        if not was_closed:
+            return
+        here = self.T_world_gripper()
+        yield from self._stay(here.matrix(), self.config.open_s)
+        c, back_m = self.config, self.config.reach.standoffs_m[0]
+        yield from self._straight(here, 0.0, back_m, c.approach_m_s)
+        yield from self._stay(standoff(here, back_m).matrix(), c.settle_s)
+
+    def _pull(self, direction_world: FloatArray, distance_m: float) -> Iterator[FloatArray]:
+        T_start = self._sense()[2].copy()
+        pull = Pull(direction_world, distance_m, T_start, self.config.pull)
+        c = self.config.impedance
+        while not pull.finished:
+            q, dq, T, J, balance = self._sense()
+            wrench = pull.wrench(T, J @ dq, self._drive.step_s)
+            yield cartesian_torques(wrench, J, q, dq, self._q_rest, balance, c)
+
+    def _track(self, path: TimedPath) -> Iterator[FloatArray]:
+        reference = pose_reference(path, self._sense()[2], self._drive.step_s)
+        tracker = PathTracker(reference, self.config.track)
+        c = self.config.impedance
+        while not tracker.finished:
+            q, dq, T, J, balance = self._sense()
+            wrench = tracker.wrench(T, J @ dq, self._drive.step_s)
+            yield cartesian_torques(wrench, J, q, dq, self._q_rest, balance, c)
+
+
+def _blocked(left_m: float) -> str:
+    return f"the approach was blocked {1e3 * left_m:.0f} mm before the grasp"

@@ -1,0 +1,41 @@
+"""Settings of the simulated Franka (`sim.robot.franka`)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+from akm_fg.arm.free_motion import PlanConfig
+from akm_fg.arm.impedance import ImpedanceConfig, JointImpedanceConfig
+from akm_fg.arm.joint_path import TimeLawConfig
+from akm_fg.arm.pulling import PullConfig
+from akm_fg.arm.reaching import ReachConfig
+from akm_fg.arm.surroundings import AroundConfig
+from akm_fg.arm.tracking import TrackConfig
+from sim.robot.gripper import GripperConfig
+
+
+@dataclass(frozen=True, slots=True)
+class FrankaConfig:
+    """All settings of the arm."""
+
+    reach: ReachConfig = field(default_factory=ReachConfig)
+    around: AroundConfig = field(default_factory=AroundConfig)
+    plan: PlanConfig = field(default_factory=PlanConfig)
+    time_law: TimeLawConfig = field(default_factory=TimeLawConfig)
+    joints: JointImpedanceConfig = field(default_factory=JointImpedanceConfig)
+    impedance: ImpedanceConfig = field(default_factory=ImpedanceConfig)
+    pull: PullConfig = field(default_factory=PullConfig)
+    track: TrackConfig = field(default_factory=TrackConfig)
+    gripper: GripperConfig = field(default_factory=GripperConfig)
+    approach_m_s: float = 0.08  # straight, before contact
+    approach_rad_s: float = 0.3  # of any joint, on average: near a singularity the hand lags behind
+    unseen_m_s: float = 0.03  # there where the camera could not look
+    met_rad: float = 0.05  # of a joint behind its reference in free motion: it has met something
+    blocked_m: float = 0.012  # behind its reference on the approach: the hand has met something
+    guarded_m: float = 0.015  # the last stretch of it, where something may be touched early
+    guarded_m_s: float = 0.012  # there: an impact stays within the joints' accelerations
+    arrival_m: float = 0.008  # farther than this from the grasp pose: something was in the way
+    close_max_s: float = 4.5  # 40 mm at 15 mm/s, and time to squeeze
+    squeeze_s: float = 0.1  # at full force, before the hand is taken to hold
+    open_s: float = 0.9  # 40 mm at 50 mm/s, and a little
+    settle_s: float = 0.3  # at the end of a straight line

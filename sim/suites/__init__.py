@@ -1,1 +1,0 @@
-"""Suites of single-joint objects behind one interface: `sim.suites.catalogue`."""

@@ -1,0 +1,103 @@
+"""What the hand is asked to do along a timed path."""
+
+from __future__ import annotations
+
+import gtsam
+import numpy as np
+import pytest
+
+from akm_fg.arm.kinematics import DDDQ_MAX, DDQ_MAX, DQ_MAX, Q_HOME, FrankaKinematics
+from akm_fg.arm.reference import pose_reference, within_joint_limits
+from akm_fg.records import TimedPath
+
+STEP_S = 1e-3
+
+
+def door_path(duration_s: float, angle: float = 0.6, count: int = 12) -> TimedPath:
+    """The home pose swung about an upright axis 0.4 m beside it, in even steps."""
+    home = FrankaKinematics().T_world_gripper(Q_HOME)
+    pivot = gtsam.Pose3(gtsam.Rot3(), home.translation() + np.array([0.0, 0.4, 0.0]))
+    poses = [
+        pivot * gtsam.Pose3(gtsam.Rot3.Rz(a), np.zeros(3)) * pivot.inverse() * home
+        for a in np.linspace(0.0, -angle, count)
+    ]
+    return TimedPath(np.linspace(0.0, duration_s, count), tuple(poses))
+
+
+def test_it_passes_through_every_pose_at_its_time_and_rests_at_both_ends():
+    path = door_path(3.0)
+    reference = pose_reference(path, path.T_world_gripper[0].matrix(), STEP_S)
+    for stamp, T in zip(path.stamps_s, path.T_world_gripper, strict=True):
+        k = round(float(stamp) / STEP_S)
+        np.testing.assert_allclose(reference.p_world[k], T.translation(), atol=1e-4)
+        np.testing.assert_allclose(reference.R_world[k], T.rotation().matrix(), atol=1e-3)
+    speeds = np.linalg.norm(reference.twist[:, :3], axis=1)
+    assert speeds[[0, -1]].max() < 2e-3 and speeds.max() > 0.07
+    accelerations = np.diff(reference.twist, axis=0) / STEP_S
+    assert np.abs(accelerations[:, :3]).max() < 1.5  # the straight legs would ask for 20 m/s^2
+    np.testing.assert_allclose(np.linalg.norm(reference.tangent, axis=1), 1.0)
+
+
+def test_twist_is_the_derivative_of_the_pose():
+    path = door_path(3.0)
+    reference = pose_reference(path, path.T_world_gripper[0].matrix(), STEP_S)
+    turn = gtsam.Rot3(reference.R_world[1501] @ reference.R_world[1500].T)
+    angular = gtsam.Rot3.Logmap(turn) / STEP_S
+    np.testing.assert_allclose(reference.twist[1500, 3:], angular, atol=1e-9)
+    np.testing.assert_allclose(
+        reference.twist[1500, :3], (reference.p_world[1501] - reference.p_world[1500]) / STEP_S
+    )
+
+
+def test_it_begins_where_the_hand_is_and_joins_the_path():
+    path = door_path(3.0)
+    off = gtsam.Pose3(gtsam.Rot3.Rx(0.1), np.array([0.01, -0.02, 0.005]))
+    start = path.T_world_gripper[0] * off
+    reference = pose_reference(path, start.matrix(), STEP_S, blend_s=0.5)
+    straight = pose_reference(path, path.T_world_gripper[0].matrix(), STEP_S)
+    np.testing.assert_allclose(reference.p_world[0], start.translation())
+    np.testing.assert_allclose(reference.R_world[0], start.rotation().matrix(), atol=1e-12)
+    np.testing.assert_allclose(reference.p_world[500:], straight.p_world[500:], atol=1e-12)
+    np.testing.assert_allclose(reference.R_world[500:], straight.R_world[500:], atol=1e-12)
+
+
+def test_a_single_pose_is_gone_to():
+    T = FrankaKinematics().T_world_gripper(Q_HOME)
+    start = T * gtsam.Pose3(gtsam.Rot3(), np.array([0.0, 0.0, -0.02]))
+    reference = pose_reference(TimedPath(np.zeros(1), (T,)), start.matrix(), STEP_S)
+    np.testing.assert_allclose(reference.p_world[[0, -1]], [start.translation(), T.translation()])
+
+
+def test_a_path_too_fast_for_the_joints_is_slowed_down_and_a_slow_one_is_not():
+    kinematics = FrankaKinematics()
+    slow = door_path(4.0)
+    assert within_joint_limits(kinematics, slow, Q_HOME, STEP_S) is slow
+    path = within_joint_limits(kinematics, door_path(0.1), Q_HOME, STEP_S)
+    assert path is not None and path.stamps_s[-1] > 0.2
+    reference = pose_reference(path, path.T_world_gripper[0].matrix(), STEP_S)
+    q, dq = Q_HOME.copy(), []
+    for twist in reference.twist:  # resolved rates: the joints' own way along the reference
+        J = kinematics.update(q)[1]
+        dq.append(np.linalg.pinv(J) @ twist)
+        q = q + STEP_S * dq[-1]
+    rates = np.array(dq)
+    assert (np.abs(rates) < DQ_MAX).all()
+    assert (np.abs(np.diff(rates, axis=0)) / STEP_S < DDQ_MAX).all()
+    assert (np.abs(np.diff(rates, 2, axis=0)) / STEP_S**2 < DDDQ_MAX).all()
+
+
+def test_a_path_out_of_reach_is_none():
+    far = gtsam.Pose3(gtsam.Rot3(), np.array([1.5, 0.0, 0.5]))
+    here = FrankaKinematics().T_world_gripper(Q_HOME)
+    path = TimedPath(np.array([0.0, 1.0]), (here, far))
+    assert within_joint_limits(FrankaKinematics(), path, Q_HOME, STEP_S) is None
+
+
+def test_tangents_stay_what_they_were_where_the_path_stands():
+    T = FrankaKinematics().T_world_gripper(Q_HOME)
+    ahead = T * gtsam.Pose3(gtsam.Rot3(), np.array([0.0, 0.0, 0.05]))
+    path = TimedPath(np.array([0.0, 1.0, 2.0]), (T, ahead, ahead))
+    reference = pose_reference(path, T.matrix(), STEP_S)
+    z = T.rotation().matrix()[:, 2]
+    assert reference.tangent[0] @ z == pytest.approx(1.0)
+    assert abs(reference.tangent[-1] @ z) == pytest.approx(1.0)

@@ -1,0 +1,55 @@
+"""The object mask against the rendered truth, with and without floor, wall and robot."""
+
+import numpy as np
+import pytest
+
+from akm_fg.errors import TracksLost
+from akm_fg.perception.depth.object_mask import DepthObjectSegmenter
+from akm_fg.records import RgbdFrame
+
+CLOSE = {"eye": (0.7, 0.0, 0.4), "target": (0.0, 0.0, 0.36)}
+CASES = {
+    "floor and wall": ({}, 0.0, False),
+    "door open": ({}, 0.6, False),
+    "drawer open": ({"joint": "prismatic"}, 0.2, False),
+    "no wall": ({"wall": False}, 0.0, False),
+    "no floor": ({"floor": False}, 0.0, False),
+    "nothing behind": ({"floor": False, "wall": False}, 0.0, False),
+    "object fills the view": (CLOSE, 0.0, False),
+    "door open fills the view": (CLOSE, 0.5, False),
+    "from above": ({"eye": (1.0, 0.35, 1.5), "wall": False}, 0.0, False),
+    "robot in front": ({}, 0.5, True),
+}
+
+
+@pytest.mark.parametrize("case", CASES)
+def test_the_mask_is_the_object(make_clip, case: str) -> None:
+    fields, last, robot = CASES[case]
+    clip = make_clip(last, 3, robot, **fields)
+    i = 1 if robot else 2
+    truth = np.isin(clip.labels[i], (1, 2))
+    mask = DepthObjectSegmenter().segment(clip.frames[i])
+    assert (mask & truth).sum() / (mask | truth).sum() > 0.92
+
+
+def without_depth(frame: RgbdFrame, keep: np.ndarray) -> RgbdFrame:
+    depth = np.where(keep, frame.depth_m, np.nan).astype(np.float32)
+    return RgbdFrame(0.0, frame.rgb, depth, frame.camera, frame.T_world_cam)
+
+
+def test_an_empty_depth_image_is_said_to_be_empty(still) -> None:
+    frame = still.frames[0]
+    with pytest.raises(TracksLost, match="depth image is empty"):
+        DepthObjectSegmenter().segment(without_depth(frame, np.zeros(frame.depth_m.shape, bool)))
+
+
+def test_a_floor_alone_is_no_object(still) -> None:
+    frame = still.frames[0]
+    floor = (still.labels[0] == 0) & (np.arange(240)[:, None] > 175)
+    with pytest.raises(TracksLost, match="nothing stands out"):
+        DepthObjectSegmenter().segment(without_depth(frame, floor))
+
+
+def test_the_same_frame_gives_the_same_mask(door) -> None:
+    a, b = (DepthObjectSegmenter().segment(door.frames[3]) for _ in range(2))
+    np.testing.assert_array_equal(a, b)

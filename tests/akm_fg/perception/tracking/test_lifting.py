@@ -1,0 +1,124 @@
+"""Pixels to points: exact on planes, honest about noise, silent at edges and holes."""
+
+import gtsam
+import numpy as np
+import pytest
+
+from akm_fg.perception.depth.depth_noise import DepthNoiseModel
+from akm_fg.perception.tracking.lifting import lift, local_depth
+from akm_fg.records import PinholeCamera, PixelTracks, RgbdFrame
+
+CAMERA = PinholeCamera(320, 240, 300.0, 310.0, 161.0, 118.0)
+T_WORLD_CAM = gtsam.Pose3(gtsam.Rot3.RzRyRx(-1.9, 0.2, 0.4), np.array([1.0, 0.5, 0.8]))
+NOISE = DepthNoiseModel()
+
+
+def plane_depth(uv: np.ndarray, normal: tuple, distance: float = 1.0) -> np.ndarray:
+    """Depth (...) of the plane normal . p = distance * normal_z at pixels (..., 2)."""
+    rays = CAMERA.back_project(uv, np.ones(uv.shape[:-1]))
+    return distance * normal[2] / (rays @ np.array(normal))
+
+
+def pixel_grid() -> np.ndarray:
+    v, u = np.mgrid[:240, :320].astype(float)
+    return np.stack([u, v], axis=-1)
+
+
+def frame_of(depth: np.ndarray) -> RgbdFrame:
+    rgb = np.zeros((240, 320, 3), np.uint8)
+    return RgbdFrame(0.0, rgb, depth.astype(np.float32), CAMERA, T_WORLD_CAM)
+
+
+def queries(n: int = 400, seed: int = 0) -> np.ndarray:
+    return np.random.default_rng(seed).uniform([10, 10], [309, 229], (n, 2))
+
+
+@pytest.mark.parametrize("normal", [(0.0, 0.0, 1.0), (0.6, 0.0, 0.8), (-0.5, 0.4, 0.77)])
+def test_depth_on_a_slanted_plane_is_exact_between_pixels(normal: tuple) -> None:
+    uv = queries()
+    local = local_depth(frame_of(plane_depth(pixel_grid(), normal)), uv, NOISE)
+    np.testing.assert_allclose(local.depth_m, plane_depth(uv, normal), rtol=2e-6)
+    step = 1e-3
+    for axis in (0, 1):
+        d = step * np.eye(2)[axis]
+        slope = (plane_depth(uv + d, normal) - plane_depth(uv - d, normal)) / (2 * step)
+        np.testing.assert_allclose(local.slope_m_per_px[:, axis], slope, atol=2e-6)
+
+
+def test_a_depth_step_is_lost_and_both_sides_of_it_are_right() -> None:
+    uv = pixel_grid()
+    depth = np.where(uv[..., 0] < 160, 1.0, 1.3)
+    row = np.stack([np.arange(140.0, 180.0), np.full(40, 100.0)], axis=-1)
+    got = local_depth(frame_of(depth), row, NOISE).depth_m
+    truth = np.where(row[:, 0] < 160, 1.0, 1.3)
+    seen = np.isfinite(got)
+    assert seen[:16].all() and seen[-16:].all()
+    assert not seen[19:21].any()
+    np.testing.assert_allclose(got[seen], truth[seen], atol=1e-5)
+
+
+def test_flying_pixels_and_small_holes_do_not_matter() -> None:
+    rng = np.random.default_rng(1)
+    depth = plane_depth(pixel_grid(), (0.5, 0.1, 0.86))
+    broken = rng.random(depth.shape)
+    depth = np.where(broken < 0.08, np.nan, np.where(broken > 0.92, depth * 1.2, depth))
+    uv = queries()
+    got = local_depth(frame_of(depth), uv, NOISE).depth_m
+    assert np.isfinite(got).mean() > 0.97
+    error = np.abs(got - plane_depth(uv, (0.5, 0.1, 0.86)))
+    assert np.nanpercentile(error, 98) < 0.002
+
+
+def test_unknown_depth_border_and_lost_pixels_give_nan() -> None:
+    depth = np.ones((240, 320))
+    depth[:, :100] = np.nan
+    uv = np.array([[50.0, 50.0], [1.0, 120.0], [319.0, 100.0], [np.nan, np.nan], [200.0, 100.0]])
+    got = local_depth(frame_of(depth), uv, NOISE).depth_m
+    np.testing.assert_array_equal(np.isfinite(got), [False, False, False, False, True])
+
+
+@pytest.mark.parametrize("normal", [(0.0, 0.0, 1.0), (0.6, 0.2, 0.77)])
+def test_lifted_points_have_honest_covariances(normal: tuple, depth_noise_image) -> None:
+    """NEES over 12 noisy images: 3 for three degrees of freedom, here held within 2 to 3.6."""
+    rng = np.random.default_rng(2)
+    sigma_px, nees = 0.4, []
+    clean = plane_depth(pixel_grid(), normal)
+    for _ in range(12):
+        frame = frame_of(clean + depth_noise_image(rng, clean, CAMERA.fx))
+        true_uv = queries(200, int(rng.integers(1 << 30)))
+        uv = true_uv + rng.normal(scale=sigma_px, size=true_uv.shape)
+        tracks = PixelTracks(
+            uv[None], np.ones((1, 200), bool), np.full((1, 200, 1, 1), sigma_px**2) * np.eye(2)
+        )
+        got = lift(tracks, [frame], NOISE)
+        p_cam = CAMERA.back_project(true_uv, plane_depth(true_uv, normal))
+        e = got.p_world[0] - [T_WORLD_CAM.transformFrom(p) for p in p_cam]
+        nees.append(np.einsum("ni,nij,nj->n", e, np.linalg.inv(got.cov_world[0]), e))
+    assert np.isfinite(nees).all()
+    assert 2.0 < np.mean(nees) < 3.6
+
+
+def test_lost_tracks_stay_lost_and_lengths_must_agree() -> None:
+    frame = frame_of(np.ones((240, 320)))
+    uv = np.array([[[100.0, 100.0], [np.nan, np.nan]]])
+    tracks = PixelTracks(
+        uv,
+        np.array([[True, False]]),
+        np.array([0.09, np.nan])[:, None, None] * np.eye(2)[None, None],
+    )
+    got = lift(tracks, [frame], NOISE)
+    np.testing.assert_array_equal(got.observed, [[True, False]])
+    assert np.isnan(got.cov_world[0, 1]).all()
+    with pytest.raises(ValueError, match="1 frames, but 2"):
+        lift(tracks, [frame, frame], NOISE)
+
+
+def test_pixel_noise_moves_a_point_along_its_surface_never_off_it() -> None:
+    normal = (0.6, 0.2, 0.77)
+    exact = DepthNoiseModel(disparity_sigma_px=1e-5, floor_m=1e-7)
+    uv = queries(50)[None]
+    tracks = PixelTracks(uv, np.ones((1, 50), bool), np.full((1, 50, 1, 1), 0.25) * np.eye(2))
+    cov = lift(tracks, [frame_of(plane_depth(pixel_grid(), normal))], exact).cov_world[0]
+    n = T_WORLD_CAM.rotation().matrix() @ np.array(normal) / np.linalg.norm(normal)
+    assert np.sqrt(np.einsum("i,nij,j->n", n, cov, n)).max() < 1e-5
+    assert np.sqrt(np.trace(cov, axis1=1, axis2=2)).min() > 1e-3

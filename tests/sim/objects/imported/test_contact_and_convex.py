@@ -1,0 +1,88 @@
+"""Where foreign parts can be gripped, and what stands for their shape in contact."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+import trimesh
+
+from sim.objects.imported import convex
+from sim.objects.imported.convex import convex_pieces
+from sim.objects.imported.imported_build import inertia_of_hulls
+from sim.objects.imported.imported_spec import ImportOptions
+from sim.objects.staging import find_spec
+
+DOOR = {"kind": "revolute", "axis": "0 1 0", "origin": (-0.45, 0.0, 0.52), "limits": (-1.57, 0.0)}
+
+
+@pytest.fixture(autouse=True)
+def own_cache(tmp_path_factory: pytest.TempPathFactory, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path_factory.mktemp("cache")))
+
+
+def test_a_concave_mesh_is_decomposed_once_for_all_scales(monkeypatch: pytest.MonkeyPatch):
+    corner = trimesh.creation.box([1.0, 1.0, 2.0])
+    corner.apply_translation([0.3, 0.3, 0.0])
+    angle = trimesh.boolean.difference([trimesh.creation.box([1.0, 1.0, 1.0]), corner])
+    ran = []
+    run_coacd = convex._run_coacd
+    monkeypatch.setattr(convex, "_run_coacd", lambda *a: ran.append(1) or run_coacd(*a))
+    pieces = convex_pieces(angle.vertices, angle.faces)
+    volume = sum(trimesh.convex.convex_hull(piece).volume for piece in pieces)
+    assert len(pieces) >= 2 and volume == pytest.approx(angle.volume, rel=0.05)
+    larger = convex_pieces(3.0 * angle.vertices + 1.0, angle.faces)
+    assert len(ran) == 1
+    np.testing.assert_allclose(larger[0], 3.0 * pieces[0] + 1.0, atol=1e-5)
+
+
+@pytest.mark.parametrize("flat", [True, False])
+def test_what_is_convex_or_flat_needs_no_decomposition(flat: bool, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr(convex, "_run_coacd", None)
+    box = trimesh.creation.box([1.0, 1.0, 0.3])
+    if flat:
+        box = trimesh.Trimesh([[0, 0, 1], [1, 0, 1], [1, 1, 1], [0, 1, 1]], [[0, 1, 2], [0, 2, 3]])
+    (piece,) = convex_pieces(box.vertices, box.faces)
+    assert trimesh.convex.convex_hull(piece).volume == pytest.approx(0.002 if flat else 0.3)
+
+
+def test_a_front_without_handle_is_pinched_at_its_free_edge_or_said_not_to_fit(
+    mobility_object, solid, tmp_path: Path
+):
+    bare = [solid((0.0, 0.0, 0.53), (0.02, 0.02, 0.02), "paint")]  # within the board
+    inset = mobility_object(**DOOR, handle=bare).write(tmp_path / "1")
+    wide = [solid((0.05, 0.0, 0.52), (1.0, 1.1, 0.04), "paint")]
+    over = mobility_object(**DOOR, part=wide, handle=bare).write(tmp_path / "2")
+    for folder in (inset, over):  # the names in the file say `handle`; take them away
+        urdf = folder / "mobility.urdf"
+        urdf.write_text(urdf.read_text().replace('name="handle-3"', 'name="panel-3"'))
+    shut, proud = (find_spec(f"partnet:{f}", 0).handle for f in (inset, over))
+    assert shut.style == proud.style == "edge"
+    assert proud.fits and not shut.fits
+    np.testing.assert_allclose(proud.T_object_handle[:3, 2], [-1.0, 0.0, 0.0])  # from the right
+
+
+def test_a_protrusion_serves_as_handle_and_a_point_may_be_given(mobility_object, tmp_path: Path):
+    folder = mobility_object().write(tmp_path / "1")
+    urdf = folder / "mobility.urdf"
+    metres = ImportOptions(scale=1.0)
+    named = find_spec(f"partnet:{folder}", 0, options=metres).handle
+    urdf.write_text(urdf.read_text().replace('name="handle-3"', 'name="thing-3"'))
+    found = find_spec(f"partnet:{folder}", 0, options=metres).handle
+    assert found.style == "protrusion"
+    np.testing.assert_allclose(found.T_object_handle, named.T_object_handle, atol=0.01)
+    point = tuple(float(x) for x in named.T_object_handle[:3, 3] + [0.05, 0.0, 0.0])
+    given = find_spec(
+        f"partnet:{folder}", 0, options=ImportOptions(scale=1.0, contact=point)
+    ).handle
+    assert given.style == "given"
+    assert np.linalg.norm(given.T_object_handle[:3, 3] - point) < 0.03
+
+
+def test_hulls_share_the_mass_by_volume_and_have_the_textbook_inertia():
+    left, right = (trimesh.creation.box([1.0, 2.0, 3.0]) for _ in range(2))
+    right.apply_translation([1.0, 0.0, 0.0])  # beside it: a box of 2 x 2 x 3
+    com, inertia = inertia_of_hulls([left, right], 12.0)
+    np.testing.assert_allclose(com, [0.5, 0.0, 0.0], atol=1e-9)
+    np.testing.assert_allclose(inertia, np.diag([13.0, 13.0, 8.0]), atol=1e-4)

@@ -1,0 +1,134 @@
+"""Reading URDF files: what is in them, and one clear line for each way they can be broken."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yourdfpy
+
+from akm_fg.errors import InputError
+from sim.objects.imported.urdf_reader import read_urdf
+
+BOX = '<visual><geometry><box size="1 1 1"/></geometry></visual>'
+LINKS = f'<link name="a">{BOX}</link><link name="b">{BOX}</link>'
+
+
+def joint(name: str = "j", kind: str = "revolute", ends: str = "ab", rest: str = "") -> str:
+    limit = '<limit lower="0" upper="1"/>' if kind != "continuous" and "<limit" not in rest else ""
+    axis = "" if "<axis" in rest else '<axis xyz="0 0 1"/>'
+    return (
+        f'<joint name="{name}" type="{kind}"><parent link="{ends[0]}"/><child link="{ends[1]}"/>'
+        f"{axis}{limit}{rest}</joint>"
+    )
+
+
+def write(folder: Path, body: str, tag: str = "robot") -> Path:
+    path = folder / "object.urdf"
+    path.write_text(f'<{tag} name="r">{body}</{tag}>')
+    return path
+
+
+MESH = '<visual><geometry><mesh filename="gone.obj"/></geometry></visual>'
+BROKEN = {
+    "is not XML": "<link",
+    "has no links": "",
+    "no link of that name": LINKS + joint(ends="ac"),
+    "form a loop": LINKS + joint() + joint("k", ends="ba"),
+    "hangs on several joints": LINKS + joint() + joint("k"),
+    "links a, b have no parent": LINKS,
+    "mesh gone.obj is missing": f'<link name="a">{MESH}</link>',
+    "is of type 'bendy'": LINKS + joint(kind="bendy"),
+    "has no <limit>": LINKS + joint().replace('<limit lower="0" upper="1"/>', ""),
+    "has a zero axis": LINKS + joint(rest='<axis xyz="0 0 0"/>'),
+    "expected 3 finite numbers": LINKS + joint(rest='<origin xyz="0 nan 0"/>'),
+    "expected 1 finite number": LINKS + joint(rest='<limit lower="x" upper="1"/>'),
+    "lacks a parent": LINKS + '<joint name="j" type="fixed"><child link="b"/></joint>',
+    "without size": LINKS.replace('<box size="1 1 1"/>', '<sphere radius="0"/>'),
+    "shape that is not known": '<link name="a"><visual><geometry/></visual></link>',
+    "has no name": "<link/>",
+}
+BROKEN["names a link 'c' that is not there; expected one of a, b"] = BROKEN.pop(
+    "no link of that name"
+)
+
+
+@pytest.mark.parametrize("told", BROKEN)
+def test_a_broken_file_gets_one_line_that_says_what_is_wrong(told: str, tmp_path: Path):
+    path = write(tmp_path, BROKEN[told])
+    with pytest.raises(InputError) as caught:
+        read_urdf(path)
+    line = str(caught.value)
+    assert told in line and str(path) in line and "expected" in line and "\n" not in line
+
+
+def test_a_loop_beside_a_root_is_found_too(tmp_path: Path):
+    links = LINKS + '<link name="c"/>'
+    with pytest.raises(InputError, match="loop"):
+        read_urdf(write(tmp_path, links + joint() + joint("k", ends="ba")))
+
+
+@pytest.mark.parametrize("tag", ["sdf", "mujoco"])
+def test_another_format_is_named(tag: str, tmp_path: Path):
+    with pytest.raises(InputError, match=f"its root is <{tag}>; expected <robot>"):
+        read_urdf(write(tmp_path, "", tag))
+
+
+def test_a_file_that_is_not_there_is_said_to_be_missing(tmp_path: Path):
+    with pytest.raises(InputError, match="no such file"):
+        read_urdf(tmp_path / "object.urdf")
+
+
+def test_the_joint_must_be_named_where_several_move_and_known_where_it_is(tmp_path: Path):
+    third = '<link name="c"/>'
+    two = read_urdf(write(tmp_path, LINKS + third + joint() + joint("k", "prismatic", "bc")))
+    with pytest.raises(
+        InputError, match="several joints move; expected one named by --joint: j, k"
+    ):
+        two.joint(None)
+    with pytest.raises(InputError, match="no joint 'x' that moves; expected one of j, k"):
+        two.joint("x")
+    assert two.joint("k").kind == "prismatic"
+    one = read_urdf(write(tmp_path, LINKS + joint()))
+    assert one.joint(None).name == "j"
+
+
+def test_a_file_without_a_moving_joint_is_refused_when_one_is_asked_for(tmp_path: Path):
+    still = LINKS + joint(kind="fixed")
+    with pytest.raises(InputError, match="has no joint that moves"):
+        read_urdf(write(tmp_path, still)).joint(None)
+    no_way = LINKS + joint(rest='<limit lower="0.2" upper="0.2"/>')
+    assert read_urdf(write(tmp_path, no_way)).movable() == ()
+
+
+def test_swapped_limits_are_sorted_and_a_continuous_joint_has_none(tmp_path: Path):
+    swapped = read_urdf(write(tmp_path, LINKS + joint(rest='<limit lower="0" upper="-1"/>')))
+    assert (swapped.joints[0].lower, swapped.joints[0].upper) == (-1.0, 0.0)
+    free = read_urdf(write(tmp_path, LINKS + joint(kind="continuous")))
+    assert (free.joints[0].lower, free.joints[0].upper) == (-np.inf, np.inf)
+
+
+def test_package_paths_are_found_above_the_file(tmp_path: Path):
+    (tmp_path / "meshes").mkdir()
+    (tmp_path / "meshes" / "m.stl").write_text("solid m\nendsolid m\n")
+    (tmp_path / "urdf").mkdir()
+    mesh = '<visual><geometry><mesh filename="package://any/meshes/m.stl"/></geometry></visual>'
+    model = read_urdf(write(tmp_path / "urdf", f'<link name="a">{mesh}</link>'))
+    assert model.links["a"].visuals[0].mesh == tmp_path / "meshes" / "m.stl"
+
+
+def test_links_stand_where_another_reader_has_them(mobility_object, tmp_path: Path):
+    folder = mobility_object(second_joint=True, origin=(0.1, 0.2, 0.3)).write(tmp_path / "1")
+    model = read_urdf(folder / "mobility.urdf")
+    other = yourdfpy.URDF.load(str(folder / "mobility.urdf"), load_meshes=False)
+    states = {"joint_0": 0.4, "joint_2": 0.7}
+    other.update_cfg(states)
+    for link, T in model.T_root_links(states).items():
+        np.testing.assert_allclose(T.matrix(), other.get_transform(link, "base"), atol=1e-9)
+    assert model.below(model.joint("joint_0")) == {"link_0"}
+    assert model.below(model.joints[[j.name for j in model.joints].index("joint_1")]) == {
+        "link_0",
+        "link_1",
+        "link_2",
+    }
