@@ -12,13 +12,12 @@ import numpy as np
 from akm_fg.errors import InsufficientData
 from akm_fg.estimation.config import FitConfig
 from akm_fg.estimation.fit import fit_poses, fit_surface, fit_tracks
-from akm_fg.estimation.given.initial_guess import JointGuess
-from akm_fg.estimation.given.knowledge import (
-    GripperPoses,
-    Knowledge,
-    StateKnowledge,
-    noise_level_of_static,
-)
+from akm_fg.estimation.given.surface_registration import SurfaceToRegister
+from akm_fg.estimation.sources.gripper import GripperPoses
+from akm_fg.estimation.sources.source import Given
+from akm_fg.estimation.sources.state_knowledge import StateKnowledge
+from akm_fg.estimation.sources.static_points import StaticPoints
+from akm_fg.geometry.joint_guess import JointGuess
 from akm_fg.geometry.rigid_motion import MIN_POINTS, free_rigid_motion
 from akm_fg.io.inputs import FitInput
 from akm_fg.io.tracks import TracksInput
@@ -31,7 +30,6 @@ from akm_fg.perception.surface.changed_surface import ChangedSurface
 from akm_fg.perception.surface.part_surface import PartSurface
 from akm_fg.posterior import ArticulationPosterior
 from akm_fg.records import Recording
-from factors.joint_motion import part_motion
 
 log = logging.getLogger(__name__)
 
@@ -81,7 +79,9 @@ def fit_recording(
             observed.segmentation.require_motion()
         except InsufficientData as error:
             raise type(error)(f"{recording.name}: {error}; expected a part that moves") from error
-    knowledge = replace(knowledge_of(recording, observed, config), states=states)
+    knowledge = knowledge_of(recording, observed, config)
+    if states is not None:
+        knowledge.append(states)
     if change is not None:
         observed, posterior = _from_change(
             recording, observed, change, sources, seed, config, knowledge
@@ -94,8 +94,7 @@ def fit_recording(
         seed=seed,
         config=config,
         systematic_m=config.camera_systematic_m,
-        surface=surface if sources == "both" else None,
-        knowledge=knowledge,
+        sources=[SurfaceToRegister(surface), *knowledge] if sources == "both" else knowledge,
     )
     if sources == "dense":
         posterior = _surface_alone(posterior, observed, surface, config, knowledge)
@@ -121,7 +120,7 @@ def _better_than_tracks(
     R, t = motion.from_frame(int(np.flatnonzero(motion.known)[0]))
     both = motion.known & found.known[0]
     guess = found.guesses[0]
-    R_depth, t_depth = part_motion(guess.kind, guess.T_world_joint, guess.q)
+    R_depth, t_depth = guess.motion()
     by_tracks = explained_share(found.change, R, t, both)
     by_depth = explained_share(found.change, R_depth, t_depth, both)
     log.info(
@@ -137,11 +136,11 @@ def _from_change(
     sources: Sources,
     seed: int,
     config: FitConfig,
-    knowledge: Knowledge,
+    knowledge: list[Given],
 ) -> tuple[ObservedMotion, ArticulationPosterior]:
     """Start from the motion that depth shows; the tracks that follow it take part."""
     surface, guess = ChangedSurface(change.change, seed), change.guesses[0]
-    R, t = part_motion(guess.kind, guess.T_world_joint, guess.q, guess.pitch)
+    R, t = guess.motion()
     known = change.known[0]
     moving = following(observed.tracks, R, t, known)
     segmentation = observed.segmentation
@@ -174,7 +173,7 @@ def _surface_alone(
     observed: ObservedMotion,
     surface: PartSurface,
     config: FitConfig,
-    knowledge: Knowledge,
+    knowledge: list[Given],
 ) -> ArticulationPosterior:
     """The surface's own posterior; the tracks say where to start, and nothing more."""
     joint, states = posterior.best.joint, posterior.best.states
@@ -183,7 +182,7 @@ def _surface_alone(
     frames = np.arange(states.mean.size)
     known = np.isfinite(states.mean)
     q = np.interp(frames, frames[known], states.mean[known])
-    guess = JointGuess(joint.kind, joint.T_world_joint, q - q[0], joint.pitch_m_per_rad or 0.0)
+    guess = JointGuess(joint.joint, q - q[0])
     return fit_surface(
         surface,
         guess,
@@ -196,7 +195,7 @@ def _surface_alone(
     )
 
 
-def knowledge_of(recording: Recording, observed: ObservedMotion, config: FitConfig) -> Knowledge:
+def knowledge_of(recording: Recording, observed: ObservedMotion, config: FitConfig) -> list[Given]:
     """What a recording tells beside the part: the static tracks' noise, and the gripper if asked.
 
     Args:
@@ -204,15 +203,16 @@ def knowledge_of(recording: Recording, observed: ObservedMotion, config: FitConf
         observed: what was seen in it.
         config: `grasp` says whether the gripper's poses are used.
     """
-    static = observed.tracks.select(observed.segmentation.static)
-    gripper, poses = None, recording.T_world_gripper
+    static = StaticPoints.of(observed.tracks.select(observed.segmentation.static), config)
+    known: list[Given] = [] if static is None else [static]
+    poses = recording.T_world_gripper
     if config.grasp is not None:
         if poses is None or recording.grasp_frames is None:
             log.warning("%s: no gripper poses, or no frames in which it holds", recording.name)
         else:
             T_world_gripper = np.array([pose.matrix() for pose in poses])
-            gripper = GripperPoses(T_world_gripper, recording.grasp_frames, config.grasp)
-    return Knowledge(noise_level_of_static(static, config), gripper)
+            known.append(GripperPoses(T_world_gripper, recording.grasp_frames, config.grasp))
+    return known
 
 
 def fit_input(

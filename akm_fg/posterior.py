@@ -11,7 +11,8 @@ from typing import Literal
 import numpy as np
 from scipy import integrate, optimize, special
 
-from akm_fg.records import FloatArray, JointKind
+from akm_fg.records import FloatArray
+from factors.joint import Joint, JointKind, Unit
 
 NamedKind = Literal["rigid", "prismatic", "revolute", "helical", "undecided"]
 
@@ -25,17 +26,34 @@ class JointPosterior:
     no measurement can fix; they are held where they are and have zero covariance.
     """
 
-    kind: JointKind
-    T_world_joint: FloatArray  # (4, 4)
+    joint: Joint
     cov: FloatArray  # (6, 6)
-    gauge: tuple[str, ...]
-    pitch_m_per_rad: float | None = None  # of a helical joint
-    pitch_sd_m_per_rad: float | None = None
+    pitch_sd_m_per_rad: float | None = None  # of a joint with a pitch
 
     @property
-    def hinged(self) -> bool:
-        """Whether the joint turns about an axis line."""
-        return self.kind in ("revolute", "helical")
+    def kind(self) -> JointKind:
+        """Of the joint."""
+        return self.joint.kind
+
+    @property
+    def T_world_joint(self) -> FloatArray:
+        """(4, 4)."""
+        return self.joint.T_world_joint
+
+    @property
+    def gauge(self) -> tuple[str, ...]:
+        """Directions of the tangent that no measurement can fix."""
+        return self.joint.kind.gauge
+
+    @property
+    def pitch_m_per_rad(self) -> float | None:
+        """Of a joint with a pitch."""
+        return self.joint.pitch if self.joint.kind.has_pitch else None
+
+    @property
+    def turns(self) -> bool:
+        """Whether the part turns about an axis line."""
+        return self.joint.kind.turns
 
     @property
     def axis(self) -> FloatArray:
@@ -45,7 +63,7 @@ class JointPosterior:
     @property
     def pivot(self) -> FloatArray | None:
         """(3,) the point of the axis nearest to the moving points; None for prismatic."""
-        return self.T_world_joint[:3, 3] if self.hinged else None
+        return self.T_world_joint[:3, 3] if self.turns else None
 
     @property
     def axis_sd_rad(self) -> float:
@@ -55,7 +73,7 @@ class JointPosterior:
     @property
     def pivot_sd_m(self) -> float | None:
         """The same of the pivot, across the axis; None for prismatic."""
-        if not self.hinged:
+        if not self.turns:
             return None
         return float(np.sqrt(np.trace(self.cov[3:5, 3:5]) / 2))
 
@@ -65,14 +83,14 @@ class JointPosterior:
 
     def pivot_bound_m(self, level: float = 0.95) -> float | None:
         """Distance of the true axis line from the pivot, not exceeded with this probability."""
-        return radius_quantile(self.cov[3:5, 3:5], level) if self.hinged else None
+        return radius_quantile(self.cov[3:5, 3:5], level) if self.turns else None
 
 
 @dataclass(frozen=True, slots=True)
 class StatePosterior:
     """Joint states per frame, relative to frame 0, where the state is zero by definition."""
 
-    unit: Literal["m", "rad"]
+    unit: Unit
     mean: FloatArray  # (T,); NaN where the part was not seen
     sd: FloatArray  # (T,)
 

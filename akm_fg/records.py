@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
-JointKind = Literal["rigid", "prismatic", "revolute", "helical"]
+KindName = Literal["rigid", "prismatic", "revolute", "helical"]
 
 
 def _require(condition: bool, message: str) -> None:
@@ -102,7 +102,7 @@ class Recording:
 class JointTruth:
     """The true joint of a recording, from the simulator or a measurement. For scoring alone."""
 
-    kind: JointKind
+    kind: KindName
     axis: FloatArray  # (3,) unit, world; the state grows along it (right-hand rule)
     pivot: FloatArray | None  # (3,) a point of the axis, world; None for prismatic
     states: FloatArray  # (T,) metres or radians; state 0 at the first frame is not required

@@ -15,11 +15,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from factors.adapter import make_factor, square_root_rows
-from factors.joint_motion import unit_twist
+from factors.joint import Joint, JointKind
 
 Array = NDArray[np.float64]
-# (T_world_joint, q, pitch, whether the equations are asked for) -> (twice the cost, equations)
-Evaluation = Callable[[Array, Array, float, bool], tuple[float, tuple[Array, Array] | None]]
+# (joint, q, whether the equations are asked for) -> (twice the cost, equations)
+Evaluation = Callable[[Joint, Array, bool], tuple[float, tuple[Array, Array] | None]]
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,14 +31,14 @@ class JointVariables:
             is one).
     """
 
-    kind: str
+    kind: JointKind
     joint_key: int
     state_keys: tuple[int | None, ...]  # one a frame; None where the state is fixed at zero
     pitch_key: int | None = None
 
     def __post_init__(self) -> None:
-        unit_twist(self.kind)
-        if (self.kind == "helical") != (self.pitch_key is not None):
+        object.__setattr__(self, "kind", JointKind(self.kind))
+        if self.kind.has_pitch != (self.pitch_key is not None):
             raise ValueError(
                 f"a {self.kind} joint with pitch key {self.pitch_key}; helical joints have one"
             )
@@ -62,18 +62,22 @@ class JointVariables:
         last = [] if self.pitch_key is None else [6 + len(self.state_keys)]
         return np.array([*range(6), *(6 + t for t in self.free), *last], dtype=int)
 
-    def read(self, values: gtsam.Values) -> tuple[Array, Array, float]:
-        """T_world_joint (4, 4), states (T,) and pitch."""
+    def read(self, values: gtsam.Values) -> tuple[Joint, Array]:
+        """The joint and the states (T,)."""
         q = np.zeros(len(self.state_keys))
         for t, key in enumerate(self.state_keys):
             if key is not None:
                 q[t] = values.atDouble(key)
         pitch = 0.0 if self.pitch_key is None else values.atDouble(self.pitch_key)
-        return values.atPose3(self.joint_key).matrix(), q, pitch
+        return Joint(self.kind, values.atPose3(self.joint_key).matrix(), pitch), q
 
 
 def joint_variables(
-    kind: str, joint_key: int, state_keys: Sequence[int | None], pitch_key: int | None, frames: int
+    kind: JointKind,
+    joint_key: int,
+    state_keys: Sequence[int | None],
+    pitch_key: int | None,
+    frames: int,
 ) -> JointVariables:
     """The variables of a factor over so many frames.
 

@@ -6,7 +6,7 @@ marginalised is
 
     2 cost(d) = twice_cost + 2 g^T d + d^T H d,     d = (d_1, ..., d_T), tangent rotation first,
 
-with e_tn = Exp(-d_t) M_t^-1 p_tn - x_n, hence d e / d d_t = G(x_n) (see `factors.joint_motion`)
+with e_tn = Exp(-d_t) M_t^-1 p_tn - x_n, hence d e / d d_t = G(x_n) (see `factors.joint`)
 and H, g the Schur complement over all x_n (Triggs et al., Bundle adjustment: a modern synthesis,
 2000, sec. 6.1). A common correction of all frames is absorbed by the latent points: H d = 0.
 

@@ -31,8 +31,8 @@ class PriorConfig:
 
 
 @dataclass(frozen=True, slots=True)
-class DenseConfig:
-    """Registration of keyframes' surfaces."""
+class SurfaceConfig:
+    """Registration of the surface in keyframes."""
 
     keyframes: int = 5  # as the paper
     keyframes_alone: int = 20  # where no tracks help
@@ -59,7 +59,7 @@ class FitConfig:
     """How a fit is done and what counts as an answer."""
 
     prior: PriorConfig = field(default_factory=PriorConfig)
-    dense: DenseConfig = field(default_factory=DenseConfig)
+    surface: SurfaceConfig = field(default_factory=SurfaceConfig)
     rigid_motion: RigidMotionConfig = field(default_factory=RigidMotionConfig)
     dof: float = 6.0  # of the Student-t noise: 97 % efficient on Gaussian noise, see docs
     max_frames: int = 60  # frames in the graph; the others get their states afterwards

@@ -6,6 +6,7 @@ tracks -> free rigid motion (inliers, noise, starts) -> one graph a kind -> evid
 from __future__ import annotations
 
 import time
+from collections.abc import Sequence
 from contextlib import AbstractContextManager
 from dataclasses import replace
 from functools import cache
@@ -14,12 +15,13 @@ import numpy as np
 from threadpoolctl import ThreadpoolController
 
 from akm_fg.errors import TracksLost
-from akm_fg.estimation.between_kinds.all_kinds import fit_in_steps, fit_kinds, graph_problem
-from akm_fg.estimation.between_kinds.evidence import correlated_points, correlation_frames
-from akm_fg.estimation.between_kinds.weighed_kinds import weighed, with_sampled_joints
+from akm_fg.estimation.between_kinds.all_kinds import fit_in_steps, fit_kinds, with_late_sources
+from akm_fg.estimation.between_kinds.weighed_kinds import (
+    Correlation,
+    weighed,
+    with_sampled_joints,
+)
 from akm_fg.estimation.config import FitConfig
-from akm_fg.estimation.given.initial_guess import JointGuess
-from akm_fg.estimation.given.knowledge import Knowledge
 from akm_fg.estimation.given.problem import (
     NOMINAL_POSITION_M,
     FitProblem,
@@ -27,8 +29,13 @@ from akm_fg.estimation.given.problem import (
     problem_of_surface,
     problem_of_tracks,
 )
-from akm_fg.estimation.given.surface_registration import SurfaceSource, register
+from akm_fg.estimation.given.surface_registration import Surface, register
+from akm_fg.estimation.sources.source import FirstFit, Given
+from akm_fg.estimation.sources.surface import SURFACE
+from akm_fg.estimation.sources.track_noise import correlated_points, correlation_frames
+from akm_fg.estimation.sources.tracks import TRACKS
 from akm_fg.estimation.steps import to_end
+from akm_fg.geometry.joint_guess import JointGuess
 from akm_fg.geometry.rigid_motion import MIN_POINTS
 from akm_fg.posterior import ArticulationPosterior
 from akm_fg.records import FloatArray, PointTracks, PoseTrack
@@ -41,8 +48,7 @@ def fit_tracks(
     seed: int = 0,
     config: FitConfig | None = None,
     systematic_m: float = 0.0,
-    surface: SurfaceSource | None = None,
-    knowledge: Knowledge | None = None,
+    sources: Sequence[Given] = (),
 ) -> ArticulationPosterior:
     """Fit all joint kinds to tracked points of one part.
 
@@ -54,13 +60,13 @@ def fit_tracks(
         config: tuning.
         systematic_m: errors of the sensor that no averaging removes (standard deviation, each
             coordinate).
-        surface: dense views of the part in keyframes, registered in the same graph as the tracks.
-        knowledge: what else is known: noise level, gripper, motion and limits of the states.
+        sources: what else tells of the part (`akm_fg.estimation.sources`): static points, state
+            knowledge, the gripper's poses, its surface (`SurfaceToRegister`).
 
     Raises:
         TracksLost: fewer than two frames, or too few tracks of one rigid part.
         AxisUnobservable: no moving kind can be fitted.
-        ValueError: knowledge that is not over the T frames.
+        ValueError: a source that is not over the T frames.
     """
     config = config or FitConfig()
     began = time.perf_counter()
@@ -76,8 +82,7 @@ def fit_tracks(
             problem = problem_of_path(name, tracks, None, noise_known, config)
         else:
             problem = problem_of_tracks(name, tracks, noise_known, seed, config)
-        problem = replace(problem, systematic_m=systematic_m).knowing(knowledge)
-        return _fit(problem, began, surface)
+        return _fit(_knowing(problem, systematic_m, sources), began)
 
 
 def fit_poses(
@@ -111,28 +116,28 @@ def one_blas_thread() -> AbstractContextManager[object]:
 
 
 def fit_surface(
-    surface: SurfaceSource,
+    surface: Surface,
     guess: JointGuess,
     centroid_world: FloatArray,
     tracks: PointTracks,
     name: str = "surface",
     config: FitConfig | None = None,
     systematic_m: float = 0.0,
-    knowledge: Knowledge | None = None,
+    sources: Sequence[Given] = (),
 ) -> ArticulationPosterior:
     """Fit all joint kinds to the surface of one part in keyframes, and to what tracks there are.
 
     States of frames that neither a track nor a keyframe sees are NaN.
 
     Args:
-        surface: dense views of the part in keyframes.
+        surface: of the part.
         guess: a joint within the capture range of the registration (about 3 cm at the part).
         centroid_world: (3,) roughly the middle of the part at state zero.
         tracks: T frames of tracks of the part; N may be 0.
         name: of the input, for the result.
         config: tuning.
         systematic_m: see `fit_tracks`.
-        knowledge: likewise.
+        sources: likewise.
 
     Raises:
         TracksLost: the surface is not seen again in enough places.
@@ -142,29 +147,33 @@ def fit_surface(
     began = time.perf_counter()
     with one_blas_thread():
         problem = problem_of_surface(name, tracks, guess, centroid_world, config)
-        problem = replace(problem, systematic_m=systematic_m).knowing(knowledge)
-        registration = register(problem, problem.guesses[0], problem.start, surface, 1.0)
-        if registration is None:
+        problem = _knowing(problem, systematic_m, sources)
+        start = problem.guesses[0]
+        known = {TRACKS: problem.tracks.first_scale, SURFACE: 1.0}
+        first = FirstFit(start, np.zeros(start.q.size), known, shared=1.0)
+        registered = to_end(register(problem, first, surface))
+        if registered is None:
             raise TracksLost(
                 f"{name}: the part's surface is not seen again in two keyframes; "
-                f"expected at least {config.dense.min_patches} patches of it"
+                f"expected at least {config.surface.min_patches} patches of it"
             )
-        problem = registration.problem.holding(registration.guess, None, 1.0)
-        fits, warnings = to_end(fit_kinds(problem, graph_problem(problem)))
-        correlation = (1.0, 1.0)
-        if problem.has_tracks:
-            likeliest = max(fits, key=lambda fit: fit.log_likelihood)
-            tau, _ = correlation_frames(likeliest, problem.observations)
-            correlation = tau, correlated_points(likeliest, problem.observations)
-        as_one = correlation[0] * correlation[1]
-        if as_one > 1.0:  # otherwise the tracks weighed rightly beside the surface already
-            problem = problem.counting(as_one)
-            fits, warnings = to_end(fit_kinds(problem, graph_problem(problem)))
+        problem, _ = to_end(with_late_sources(*registered))
+        fits, warnings = to_end(fit_kinds(problem))
+        correlation = Correlation()
+        if problem.tracks.any:
+            said = max(fits, key=lambda fit: fit.log_likelihood).tracks
+            correlation = Correlation(correlation_frames(said)[0], correlated_points(said))
+        if correlation.as_one > 1.0:  # else the tracks weighed rightly beside the surface already
+            problem = problem.counting(correlation.as_one)
+            fits, warnings = to_end(fit_kinds(problem))
         return weighed(fits, problem, correlation, warnings, began).posterior
 
 
-def _fit(
-    problem: FitProblem, began: float, surface: SurfaceSource | None = None
-) -> ArticulationPosterior:
-    posterior = with_sampled_joints(to_end(fit_in_steps(problem, began, surface)))
+def _knowing(problem: FitProblem, systematic_m: float, sources: Sequence[Given]) -> FitProblem:
+    tracks = replace(problem.tracks, systematic_m=systematic_m)
+    return problem.with_source(tracks).knowing(sources)
+
+
+def _fit(problem: FitProblem, began: float) -> ArticulationPosterior:
+    posterior = with_sampled_joints(to_end(fit_in_steps(problem, began)))
     return replace(posterior, time_s={"total": time.perf_counter() - began})

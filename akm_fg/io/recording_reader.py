@@ -19,8 +19,8 @@ from akm_fg.io.recording_depth import depth_from_raw
 from akm_fg.records import (
     BoolArray,
     FloatArray,
-    JointKind,
     JointTruth,
+    KindName,
     PinholeCamera,
     Recording,
     RgbdFrame,
@@ -187,7 +187,7 @@ def read_truth(folder: Path) -> JointTruth | None:
     elif kind in ("revolute", "helical"):
         raise truth.error("pivot", "is missing", "a point of the axis in the world frame, metres")
     states = truth.array("states", (n,), f"{n} joint states, one for each of `stamps_s`")
-    return JointTruth(cast(JointKind, kind), axis, pivot, states)
+    return JointTruth(cast(KindName, kind), axis, pivot, states)
 
 
 def truth_as_json(truth: JointTruth) -> dict[str, Any]:

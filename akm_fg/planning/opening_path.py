@@ -17,7 +17,6 @@ import ruckig
 from akm_fg.errors import MotionInfeasible
 from akm_fg.posterior import JointPosterior
 from akm_fg.records import FloatArray, TimedPath
-from factors.joint_motion import part_motion
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,7 +58,7 @@ def plan_opening(
         raise MotionInfeasible(f"states {q_now} to {q_target}; expected finite numbers")
     stamps_s, q = _timed_states(q_target - q_now, _speed_per_state(joint, T_world_gripper), limits)
     # Moving from q_now by dq is the joint's motion by dq, whatever q_now is: screws commute.
-    R_world, t_world = part_motion(joint.kind, joint.T_world_joint, q)
+    R_world, t_world = joint.joint.motion(q)
     poses = tuple(
         gtsam.Pose3(gtsam.Rot3(R), t) * T_world_gripper
         for R, t in zip(R_world, t_world, strict=True)
@@ -69,10 +68,12 @@ def plan_opening(
 
 def _speed_per_state(joint: JointPosterior, T_world_gripper: gtsam.Pose3) -> tuple[float, float]:
     """The hand's metres and radians per unit of state."""
-    if joint.kind == "prismatic":
+    if not joint.turns:
         return 1.0, 0.0
-    arm = T_world_gripper.translation() - joint.T_world_joint[:3, 3]
-    return float(np.linalg.norm(np.cross(joint.axis, arm))), 1.0
+    arm = T_world_gripper.translation() - joint.joint.origin
+    # Round the axis, and along it by the pitch: the two are at right angles.
+    across = float(np.linalg.norm(np.cross(joint.axis, arm)))
+    return float(np.hypot(across, joint.joint.pitch)), 1.0
 
 
 def _timed_states(

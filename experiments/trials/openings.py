@@ -13,8 +13,9 @@ import gtsam
 import numpy as np
 
 from akm_fg.posterior import ArticulationPosterior
-from akm_fg.records import BoolArray, FloatArray, JointKind, JointTruth, PointTracks
+from akm_fg.records import BoolArray, FloatArray, JointTruth, KindName, PointTracks
 from experiments.scores.scoring import line_in_joint_frame
+from factors.joint import Joint, JointKind
 
 PANEL_M, SIGMA_M, DRIFT_M = 0.4, 0.003, 0.02
 _OWN_SHARE = 1e-6  # of the variance of correlated noise: keeps the correlation matrix regular
@@ -43,10 +44,15 @@ class Opening:
         return gtsam.Pose3(self.T_world_joint) * _panel_joint(self.kind).inverse()
 
     @property
+    def joint(self) -> Joint:
+        """The true joint."""
+        return Joint(JointKind(self.kind), self.T_world_joint, 0.0)
+
+    @property
     def truth(self) -> JointTruth:
         """The joint as recordings give it."""
         pivot = self.T_world_joint[:3, 3] if self.kind == "revolute" else None
-        return JointTruth(cast(JointKind, self.kind), self.axis, pivot, self.q)
+        return JointTruth(cast(KindName, self.kind), self.axis, pivot, self.q)
 
 
 def _moved(kind: str, T_world_joint: FloatArray, q: float, p_world: FloatArray) -> FloatArray:

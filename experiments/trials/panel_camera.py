@@ -20,7 +20,6 @@ from akm_fg.perception.depth.depth_planes import depth_planes
 from akm_fg.perception.surface.patches import DenseViews, dense_views
 from akm_fg.records import BoolArray, FloatArray, PinholeCamera, RgbdFrame
 from experiments.trials.openings import PANEL_M, Opening
-from factors.joint_motion import part_motion
 
 CAMERA = PinholeCamera(320, 240, 300.0, 300.0, 159.5, 119.5)
 # Centre and size (metres) in the panel's frame: x across, y along its normal, z up.
@@ -61,7 +60,7 @@ class PanelCamera:
         return self.taken[t]
 
     def _picture(self, t: int) -> RgbdFrame:
-        R, p = part_motion(self.opening.kind, self.opening.T_world_joint, self.opening.q[t : t + 1])
+        R, p = self.opening.joint.motion(self.opening.q[t : t + 1])
         T_world_panel = gtsam.Pose3(gtsam.Rot3(R[0]), p[0]) * self.opening.T_world_panel
         depth = _depth_of_boxes((T_world_panel.inverse() * self.T_world_cam).matrix())
         rng = np.random.default_rng([self.seed, t, 7])

@@ -33,7 +33,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from factors.adapter import make_factor
-from factors.joint_motion import skew
+from factors.joint import skew
 from factors.student_t import twice_negative_log_kernel, weight
 
 Array = NDArray[np.float64]

@@ -6,7 +6,7 @@ surface point p_world seen there is one observation of the patch, along its norm
 slides freely in its own plane (point to plane, Chen and Medioni, 1992). Variables: T_world_joint
 (Pose3), the keyframes' states (double; one may be fixed at zero) and a helical joint's pitch.
 
-With M_t the part's motion from state zero (`factors.joint_motion.part_motion`), n_s the patch's
+With M_t the part's motion from state zero (`factors.joint.Joint.motion`), n_s the patch's
 normal in the reference pose and m_s its latent place along it,
 
     e_st = n_s^T M_t^-1 p_st - m_s,     cost = 1/2 sum rho(e_st^2 / sigma_st^2) / count_as_one,
@@ -18,7 +18,7 @@ of them count as one, which is what makes the covariance true. Correspondences a
 factor and renewed by its caller.
 
 For a small turn of the motion M_t Exp(d_t) the error changes by [n x x_s | -n]^T d_t, x_s the
-patch's reference point; the rest is the chain rule of `factors.joint_motion.motion_jacobians`.
+patch's reference point; the rest is the chain rule of `factors.joint.Joint.motion_jacobians`.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ import gtsam
 import numpy as np
 from numpy.typing import NDArray
 
-from factors.joint_motion import motion_jacobians, part_motion
+from factors.joint import Joint, JointKind
 from factors.joint_variables import joint_variables, normal_equations_factor
 from factors.student_t import twice_negative_log_kernel, weight
 
@@ -147,21 +147,16 @@ def dense_information(cost: DenseCost, patches: PatchObservations) -> tuple[Arra
 
 
 def dense_normal_equations(
-    kind: str,
-    T_world_joint: Array,
-    q: Array,
-    cost: DenseCost,
-    patches: PatchObservations,
-    pitch: float = 0.0,
+    joint: Joint, q: Array, cost: DenseCost, patches: PatchObservations
 ) -> tuple[Array, Array]:
     """Information (d, d) and gradient (d,) over (xi, q), d = 6 + K; helical: (xi, q, pitch)."""
     K = q.size
-    by_xi, by_state, by_pitch = motion_jacobians(kind, T_world_joint, q, pitch)
-    J = np.zeros((K, 6, 6 + K + (kind == "helical")))
+    by_xi, by_state, by_pitch = joint.motion_jacobians(q)
+    J = np.zeros((K, 6, 6 + K + joint.kind.has_pitch))
     J[:, :, :6] = by_xi
     frames = np.arange(K)
     J[frames, :, 6 + frames] = by_state
-    if kind == "helical":
+    if joint.kind.has_pitch:
         J[:, :, -1] = by_pitch
     stacked = J.reshape(6 * K, -1)
     H, g = dense_information(cost, patches)
@@ -169,7 +164,7 @@ def dense_normal_equations(
 
 
 def dense_registration_factor(
-    kind: str,
+    kind: JointKind,
     joint_key: int,
     state_keys: Sequence[int | None],
     patches: PatchObservations,
@@ -201,13 +196,13 @@ def dense_registration_factor(
         raise ValueError(f"scale {scale} and count_as_one {count_as_one}, expected > 0")
 
     def evaluate(
-        T_world_joint: Array, q: Array, pitch: float, want_equations: bool
+        joint: Joint, q: Array, want_equations: bool
     ) -> tuple[float, tuple[Array, Array] | None]:
-        R, t = part_motion(kind, T_world_joint, q, pitch)
+        R, t = joint.motion(q)
         cost = dense_cost(R, t, patches, dof, scale)
         equations = None
         if want_equations:
-            H, g = dense_normal_equations(kind, T_world_joint, q, cost, patches, pitch)
+            H, g = dense_normal_equations(joint, q, cost, patches)
             equations = H / count_as_one, g / count_as_one
         return cost.twice_cost / count_as_one, equations
 

@@ -38,7 +38,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from factors.adapter import make_factor, square_root_rows
-from factors.joint_motion import adjoint_of_return, joint_displacement, skew, unit_twist
+from factors.joint import Joint, JointKind, skew
 from factors.joint_variables import JointVariables
 from factors.measurements.orientation_track import log_so3, right_jacobian_inverse
 from factors.student_t import log_normaliser, twice_negative_log_kernel, weight
@@ -47,28 +47,21 @@ Array = NDArray[np.float64]
 
 
 def grasp_pose_residual(
-    kind: str,
-    T_world_joint: Array,
-    q: Array,
-    T_joint_grasp: Array,
-    T_world_gripper: Array,
-    pitch: float = 0.0,
+    joint: Joint, q: Array, T_joint_grasp: Array, T_world_gripper: Array
 ) -> tuple[Array, Array, Array, Array, Array]:
     """Errors (T, 6) and Jacobians by xi_joint, xi_grasp (T, 6, 6 each), q and pitch (T, 6 each).
 
     Args:
-        kind: joint kind.
-        T_world_joint: (4, 4).
+        joint: the joint.
         q: (T,) states.
         T_joint_grasp: (4, 4) the gripper in the joint frame at state zero.
         T_world_gripper: (T, 4, 4) measured.
-        pitch: of a helical joint, metres per radian.
     """
-    rotations, translations = joint_displacement(kind, q, pitch)
+    rotations, translations = joint.displacement(q)
     R_grasp, t_grasp = T_joint_grasp[:3, :3], T_joint_grasp[:3, 3]
-    R_predicted = T_world_joint[:3, :3] @ rotations @ R_grasp
+    R_predicted = joint.R_world_joint @ rotations @ R_grasp
     moved = rotations @ t_grasp + translations
-    t_predicted = moved @ T_world_joint[:3, :3].T + T_world_joint[:3, 3]
+    t_predicted = moved @ joint.R_world_joint.T + joint.origin
     R_measured_T = np.swapaxes(T_world_gripper[:, :3, :3], 1, 2)
     turn = R_measured_T @ R_predicted
     e_rot = log_so3(turn)
@@ -79,28 +72,24 @@ def grasp_pose_residual(
     to_grasp[:3, :3] = to_grasp[3:, 3:] = R_grasp.T
     to_grasp[3:, :3] = -R_grasp.T @ skew(t_grasp)
     J_twist = J_grasp @ to_grasp
-    J_joint = J_twist @ adjoint_of_return(kind, q, pitch)
+    J_joint = J_twist @ joint.adjoint_of_return(q)
     J_pitch = q[:, None] * J_twist[:, :, 5]
-    return np.hstack([e_rot, e_trans]), J_joint, J_grasp, J_twist @ unit_twist(kind, pitch), J_pitch
+    return np.hstack([e_rot, e_trans]), J_joint, J_grasp, J_twist @ joint.unit_twist, J_pitch
 
 
-def grasps_in_joint(
-    kind: str, T_world_joint: Array, q: Array, T_world_gripper: Array, pitch: float = 0.0
-) -> Array:
+def grasps_in_joint(joint: Joint, q: Array, T_world_gripper: Array) -> Array:
     """What each frame alone says T_joint_grasp is, (T, 4, 4): Exp(-q S) T_world_joint^-1 M_t.
 
     `typical_grasp` of them starts a hold; where they change for good, the hand has slipped.
 
     Args:
-        kind: joint kind.
-        T_world_joint: (4, 4).
+        joint: the joint.
         q: (T,) states.
         T_world_gripper: (T, 4, 4) measured.
-        pitch: of a helical joint, metres per radian.
     """
-    rotations, translations = joint_displacement(kind, q, pitch)
-    back = np.swapaxes(rotations, 1, 2) @ T_world_joint[:3, :3].T
-    offset = T_world_joint[:3, 3] + translations @ T_world_joint[:3, :3].T
+    rotations, translations = joint.displacement(q)
+    back = np.swapaxes(rotations, 1, 2) @ joint.R_world_joint.T
+    offset = joint.origin + translations @ joint.R_world_joint.T
     out = np.tile(np.eye(4), (q.size, 1, 1))
     out[:, :3, :3] = back @ T_world_gripper[:, :3, :3]
     out[:, :3, 3] = np.einsum("tij,tj->ti", back, T_world_gripper[:, :3, 3] - offset)
@@ -166,7 +155,7 @@ def grasp_log_normaliser(
 
 
 def grasp_pose_factor(
-    kind: str,
+    kind: JointKind,
     joint_key: int,
     grasp_key: int,
     state_keys: Sequence[int | None],
@@ -207,9 +196,9 @@ def grasp_pose_factor(
     d = 12 + len(others)
 
     def residual(values: gtsam.Values, want_jacobians: bool) -> tuple[Array, list[Array] | None]:
-        joint, q, pitch = variables.read(values)
+        joint, q = variables.read(values)
         grasp = values.atPose3(grasp_key).matrix()
-        e, *blocks = grasp_pose_residual(kind, joint, q, grasp, T_world_gripper, pitch)
+        e, *blocks = grasp_pose_residual(joint, q, grasp, T_world_gripper)
         e = e / sigmas
         if not want_jacobians:
             rows = np.zeros(d + 1)

@@ -23,7 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from factors.adapter import make_factor, square_root_rows
-from factors.joint_motion import joint_displacement, skew, unit_twist
+from factors.joint import Joint, JointKind, skew
 from factors.student_t import twice_negative_log_kernel, weight
 
 Array = NDArray[np.float64]
@@ -54,18 +54,18 @@ def right_jacobian_inverse(w: Array) -> Array:
 
 
 def orientation_residual(
-    kind: str, R_world_joint: Array, R_ref: Array, q: Array, R_world_part: Array
+    joint: Joint, R_ref: Array, q: Array, R_world_part: Array
 ) -> tuple[Array, Array, Array, Array]:
     """Errors (T, 3) and their Jacobians by w (T, 3, 3), R_ref (T, 3, 3) and q (T, 3).
 
     Args:
-        kind: joint kind.
-        R_world_joint: (3, 3).
+        joint: the joint; only its axis acts.
         R_ref: (3, 3) the part's orientation at state 0.
         q: (T,) states.
         R_world_part: (T, 3, 3) measured orientations.
     """
-    turned, _ = joint_displacement(kind, q)
+    turned, _ = joint.displacement(q)
+    R_world_joint = joint.R_world_joint
     R_motion = R_world_joint @ turned @ R_world_joint.T
     A = np.swapaxes(R_motion, 1, 2) @ R_world_part
     e = log_so3(R_ref.T @ A)
@@ -73,13 +73,13 @@ def orientation_residual(
     A_T, measured_T = np.swapaxes(A, 1, 2), np.swapaxes(R_world_part, 1, 2)
     J_w = Jr_inv @ (A_T - measured_T) @ R_world_joint
     J_ref = -np.swapaxes(Jr_inv, 1, 2)  # Jl^-1(e) = Jr^-1(e)^T
-    axis_world = R_world_joint @ unit_twist(kind)[:3]
+    axis_world = R_world_joint @ joint.unit_twist[:3]
     J_q = -np.einsum("tij,tjk,k->ti", Jr_inv, A_T, axis_world)
     return e, J_w, J_ref, J_q
 
 
 def orientation_track_factor(
-    kind: str,
+    kind: JointKind,
     joint_key: int,
     reference_key: int,
     state_keys: Sequence[int | None],
@@ -101,7 +101,7 @@ def orientation_track_factor(
     Raises:
         ValueError: shapes that do not match, a sigma that is not positive, an unknown kind.
     """
-    unit_twist(kind)
+    kind = JointKind(kind)
     if R_world_part.shape != (len(state_keys), 3, 3):
         raise ValueError(f"orientations {R_world_part.shape}, expected {(len(state_keys), 3, 3)}")
     if not sigma_rad > 0:
@@ -111,11 +111,11 @@ def orientation_track_factor(
     d = 9 + len(free)
 
     def residual(values: gtsam.Values, want_jacobians: bool) -> tuple[Array, list[Array] | None]:
-        R_world_joint = values.atPose3(joint_key).rotation().matrix()
+        joint = Joint(kind, values.atPose3(joint_key).matrix(), 0.0)  # a pitch turns nothing
         R_ref = values.atRot3(reference_key).matrix()
         q = np.zeros(len(state_keys))
         q[free] = [values.atDouble(key) for key in keys]
-        e, J_w, J_ref, J_q = orientation_residual(kind, R_world_joint, R_ref, q, R_world_part)
+        e, J_w, J_ref, J_q = orientation_residual(joint, R_ref, q, R_world_part)
         d2 = (e * e).sum(axis=1) / sigma_rad**2
         twice_cost = float(twice_negative_log_kernel(d2, dof, 3).sum())
         if not want_jacobians:

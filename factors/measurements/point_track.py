@@ -6,7 +6,7 @@ fixed at zero), and a helical joint's pitch (double). The points' reference posi
 and marginalised here, so that no frame counts as exact (the paper's Eq. 5 takes the first frame's
 points as truth, which makes the axis' covariance several times too small).
 
-Residual of one observation, in reference coordinates (see `factors.joint_motion`):
+Residual of one observation, in reference coordinates (see `factors.joint`):
 
     e_tn = z_tn - x_n,     d2_tn = e_tn^T Lambda_tn e_tn,     cost = 1/2 sum rho(d2_tn)
 
@@ -26,6 +26,7 @@ import gtsam
 import numpy as np
 from numpy.typing import NDArray
 
+from factors.joint import Joint, JointKind
 from factors.joint_variables import joint_variables, normal_equations_factor
 from factors.measurements.track_cost import TrackCost, TrackObservations, track_cost
 from factors.measurements.track_information import track_normal_equations
@@ -33,13 +34,13 @@ from factors.measurements.track_information import track_normal_equations
 Array = NDArray[np.float64]
 
 
-def point_key(T_world_joint: Array, q: Array, pitch: float = 0.0) -> bytes:
-    """What a joint (4, 4), states (T,) and a pitch are filed under."""
-    return T_world_joint.tobytes() + q.tobytes() + np.float64(pitch).tobytes()
+def point_key(joint: Joint, q: Array) -> bytes:
+    """What a joint of a known kind and states (T,) are filed under."""
+    return joint.T_world_joint.tobytes() + q.tobytes() + np.float64(joint.pitch).tobytes()
 
 
 def point_track_factor(
-    kind: str,
+    kind: JointKind,
     joint_key: int,
     state_keys: Sequence[int | None],
     tracks: TrackObservations,
@@ -70,15 +71,15 @@ def point_track_factor(
     memory = {} if last is None else last
 
     def evaluate(
-        T_world_joint: Array, q: Array, pitch: float, want_equations: bool
+        joint: Joint, q: Array, want_equations: bool
     ) -> tuple[float, tuple[Array, Array] | None]:
-        here = point_key(T_world_joint, q, pitch)
+        here = point_key(joint, q)
         if here not in memory:  # the optimiser asks for the error first, then for the Jacobian
             start = next((cost.x_joint for cost in memory.values()), x_start)
             memory.clear()
-            memory[here] = track_cost(kind, T_world_joint, q, tracks, dof, scale, start, pitch)
+            memory[here] = track_cost(joint, q, tracks, dof, scale, start)
         cost = memory[here]
-        equations = track_normal_equations(kind, q, cost, pitch) if want_equations else None
+        equations = track_normal_equations(joint, q, cost) if want_equations else None
         return cost.twice_cost, equations
 
     return normal_equations_factor(variables, evaluate)

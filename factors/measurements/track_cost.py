@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from factors.joint_motion import joint_displacement, reference_coordinates
+from factors.joint import Joint
 from factors.packed import (
     COL,
     ROW,
@@ -94,28 +94,24 @@ class TrackCost:
 
 
 def track_cost(
-    kind: str,
-    T_world_joint: Array,
+    joint: Joint,
     q: Array,
     tracks: TrackObservations,
     dof: float,
     scale: float,
     x_start: Array | None = None,
-    pitch: float = 0.0,
 ) -> TrackCost:
     """Evaluate the tracks' cost.
 
     Args:
-        kind: joint kind.
-        T_world_joint: (4, 4).
+        joint: the joint.
         q: (T,) states.
         tracks: the observations.
         dof: degrees of freedom of the Student-t kernel.
         scale: factor on the observations' standard deviations.
         x_start: (3, N) where to start the latent points; their medians over the frames if None.
-        pitch: of a helical joint, metres per radian.
     """
-    z, information = taken_back(kind, T_world_joint, q, tracks, pitch)
+    z, information = taken_back(joint, q, tracks)
     x = first_reference(z, tracks.observed) if x_start is None else x_start
     x, weighted, d2 = best_reference(z, information / scale**2, x, dof)
     return TrackCost(
@@ -128,15 +124,13 @@ def track_cost(
     )
 
 
-def taken_back(
-    kind: str, T_world_joint: Array, q: Array, tracks: TrackObservations, pitch: float = 0.0
-) -> tuple[Array, Array]:
+def taken_back(joint: Joint, q: Array, tracks: TrackObservations) -> tuple[Array, Array]:
     """Reference coordinates (T, 3, N) of the observations, and their information there, packed."""
-    z = reference_coordinates(kind, T_world_joint, q, tracks.p_world, pitch)
+    z = joint.reference_coordinates(q, tracks.p_world)
     information = tracks.information_world
     if information.shape[1] > 1:
-        rotations, _ = joint_displacement(kind, q)
-        information = rotated(information, T_world_joint[:3, :3] @ rotations)
+        rotations, _ = joint.displacement(q)
+        information = rotated(information, joint.R_world_joint @ rotations)
     return z, information
 
 
@@ -149,12 +143,12 @@ def first_reference(z: Array, observed: NDArray[np.bool_]) -> Array:
     return np.asarray(0.5 * (lower + upper))
 
 
-def rough_track_cost(kind: str, T_world_joint: Array, q: Array, tracks: TrackObservations) -> Array:
+def rough_track_cost(joint: Joint, q: Array, tracks: TrackObservations) -> Array:
     """Squared whitened errors (M,) of the M observations, latent points at their medians.
 
     For comparing starts: cheap, and not for sale to outliers when a median is taken of it.
     """
-    z, information = taken_back(kind, T_world_joint, q, tracks)
+    z, information = taken_back(joint, q, tracks)
     z -= first_reference(z, tracks.observed)
     return squared_length(information, z)[tracks.observed]
 

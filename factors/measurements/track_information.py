@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from factors.joint_motion import adjoint_of_return, skew, unit_twist
+from factors.joint import Joint, skew
 from factors.measurements.track_cost import TrackCost, TrackObservations, taken_back
 from factors.packed import (
     COL,
@@ -24,25 +24,23 @@ from factors.student_t import weight
 Array = NDArray[np.float64]
 
 
-def track_normal_equations(
-    kind: str, q: Array, cost: TrackCost, pitch: float = 0.0
-) -> tuple[Array, Array]:
+def track_normal_equations(joint: Joint, q: Array, cost: TrackCost) -> tuple[Array, Array]:
     """Information (d, d) and gradient (d,), latent points marginalised.
 
     Over (xi, q), d = 6 + T; of a helical joint over (xi, q, pitch), d = 7 + T.
     """
     W = cost.information
     T, _, N = W.shape
-    adjoint, G = adjoint_of_return(kind, q, pitch), twist_jacobian(cost.x_joint)
+    adjoint, G = joint.adjoint_of_return(q), twist_jacobian(cost.x_joint)
     We = times(W, cost.z_joint - cost.x_joint)
-    H, g = _with_latent_points_held(kind, q, pitch, adjoint, W, We, G)
+    H, g = _with_latent_points_held(joint, q, adjoint, W, We, G)
     # What couples a point to the variables, one row each, and what is left of its own gradient.
     rows = np.empty((len(g) + 1, 3, N))
     moved = (adjoint.reshape(T, 36).T @ W.reshape(T, -1)).reshape(6, 6, W.shape[1], N)
     rows[:6] = _twisted(moved, G)
-    direction = unit_twist(kind, pitch) @ G  # (3, N)
+    direction = joint.unit_twist @ G  # (3, N)
     rows[6 : 6 + T] = times(W, np.broadcast_to(direction, We.shape))
-    if kind == "helical":
+    if joint.kind.has_pitch:
         rows[-2] = _times_minus_z((q @ W.reshape(T, -1)).reshape(W.shape[1:]))
     rows[-1] = We.sum(axis=0)
     held = times(inverse_and_determinant(W.sum(axis=0))[0][None], rows)
@@ -51,32 +49,31 @@ def track_normal_equations(
 
 
 def _with_latent_points_held(
-    kind: str, q: Array, pitch: float, adjoint: Array, W: Array, We: Array, G: Array
+    joint: Joint, q: Array, adjoint: Array, W: Array, We: Array, G: Array
 ) -> tuple[Array, Array]:
     """Information and gradient as of `track_normal_equations`, latent points held.
 
     Args:
-        kind: joint kind.
+        joint: the joint.
         q: (T,) states.
-        pitch: of a helical joint.
         adjoint: (T, 6, 6) of each frame's return.
         W: (T, 6 or 1, N) weighted information.
         We: (T, 3, N) weighted errors.
         G: (3, 6, N) twist Jacobians.
     """
-    T, S = q.size, unit_twist(kind, pitch)
+    T, S = q.size, joint.unit_twist
     # per frame: G^T W G (T, 6, 6) and G^T W e (T, 6), summed over the points
     by_twist = weighted_twist_products(W, G)
     gradient = We.reshape(T, -1) @ G.transpose(0, 2, 1).reshape(-1, 6)
     chained, along = by_twist @ adjoint, S @ by_twist
-    d = 6 + T + (kind == "helical")
+    d = 6 + T + joint.kind.has_pitch
     H, g = np.zeros((d, d)), np.empty(d)
     H[:6, :6] = adjoint.reshape(-1, 6).T @ chained.reshape(-1, 6)
     H[6 : 6 + T, :6] = S @ chained
     H.flat[6 * (d + 1) : (6 + T) * (d + 1) : d + 1] = along @ S
     g[:6] = gradient.ravel() @ adjoint.reshape(-1, 6)
     g[6 : 6 + T] = gradient @ S
-    if kind == "helical":  # the pitch slides a frame by its state
+    if joint.kind.has_pitch:  # the pitch slides a frame by its state
         H[-1, :6] = q @ chained[:, 5]
         H[6 : 6 + T, -1] = H[-1, 6 : 6 + T] = q * along[:, 5]
         H[-1, -1] = q**2 @ by_twist[:, 5, 5]
@@ -149,39 +146,35 @@ def _twist_products(G: Array) -> Array:
     return products.reshape(-1, 36)
 
 
-def state_information(kind: str, cost: TrackCost, pitch: float = 0.0) -> Array:
+def state_information(joint: Joint, cost: TrackCost) -> Array:
     """(T,) information on each state when joint and latent points are held."""
-    direction = unit_twist(kind, pitch) @ twist_jacobian(cost.x_joint)
+    direction = joint.unit_twist @ twist_jacobian(cost.x_joint)
     return squared_length(cost.information, direction[None]).sum(axis=1)
 
 
 def state_step(
-    kind: str,
-    T_world_joint: Array,
+    joint: Joint,
     q: Array,
     x_joint: Array,
     tracks: TrackObservations,
     dof: float,
     scale: float,
-    pitch: float = 0.0,
 ) -> tuple[Array, Array]:
     """Gauss-Newton step and information (T,) of each state with joint and latent points held.
 
     Args:
-        kind: joint kind.
-        T_world_joint: (4, 4).
+        joint: the joint.
         q: (T,) states to step from.
         x_joint: (3, N) reference points, joint frame.
         tracks: the observations.
         dof: degrees of freedom of the Student-t kernel.
         scale: factor on the observations' standard deviations.
-        pitch: of a helical joint, metres per radian.
     """
-    z, information = taken_back(kind, T_world_joint, q, tracks, pitch)
+    z, information = taken_back(joint, q, tracks)
     information = information / scale**2
     e = z - x_joint
     information *= weight(squared_length(information, e), dof, 3)[:, None, :]
-    direction = unit_twist(kind, pitch) @ twist_jacobian(x_joint)
+    direction = joint.unit_twist @ twist_jacobian(x_joint)
     gradient = (times(information, e) * direction).sum(axis=(1, 2))
     curvature = squared_length(information, direction[None]).sum(axis=1)
     return -gradient / curvature, curvature

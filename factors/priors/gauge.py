@@ -16,21 +16,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from factors.adapter import make_factor
-from factors.joint_motion import unit_twist
+from factors.joint import TANGENT, JointKind
 
 Array = NDArray[np.float64]
 
-GAUGE_NAMES: dict[str, tuple[str, ...]] = {
-    "revolute": ("wz", "vz"),
-    "helical": ("wz", "vz"),
-    "prismatic": ("wz", "vx", "vy", "vz"),
-}
 # Far below every posterior width that matters, far above what makes the system ill-conditioned.
 SIGMA = 1e-5
 
 
 def gauge_factor(
-    kind: str, joint_key: int, R_world_ref: gtsam.Rot3, centroid_world: Array
+    kind: JointKind, joint_key: int, R_world_ref: gtsam.Rot3, centroid_world: Array
 ) -> gtsam.CustomFactor:
     """The gauge factor of one joint.
 
@@ -43,11 +38,11 @@ def gauge_factor(
     Raises:
         ValueError: an unknown kind or a centroid that is not three finite numbers.
     """
-    unit_twist(kind)
+    kind = JointKind(kind)
     centroid = np.asarray(centroid_world, dtype=float)
     if centroid.shape != (3,) or not np.isfinite(centroid).all():
         raise ValueError(f"centroid {centroid}, expected three finite numbers")
-    rows = [0, 1, 2] if kind == "prismatic" else [2]
+    rows = [TANGENT.index(name) - 3 for name in kind.gauge if name != "wz"]
 
     def residual(values: gtsam.Values, want_jacobians: bool) -> tuple[Array, list[Array] | None]:
         T = values.atPose3(joint_key)

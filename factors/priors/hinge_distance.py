@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from factors.adapter import make_factor
-from factors.joint_motion import skew
+from factors.joint import skew
 
 Array = NDArray[np.float64]
 

@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 
 from akm_fg.records import PinholeCamera, Recording, RgbdFrame
+from experiments.trials.openings import make_opening, score_opening
 
 BACKGROUND, BODY, PART, ROBOT = 0, 1, 2, 3
 BASELINE_M, DISPARITY_SD_PX, NOISE_BLUR_PX = 0.095, 0.08, 1.5
@@ -217,6 +218,23 @@ def film(scene: Cabinet, last: float, n: int, robot: bool = False, seed: int = 0
         depths.append(depth)
         labels.append(label)
     return Clip(scene, states, Recording("clip", tuple(frames)), np.array(depths), np.array(labels))
+
+
+@pytest.fixture(params=["revolute", "prismatic"])
+def kind(request):
+    return request.param
+
+
+@pytest.fixture(scope="session")
+def opening():
+    """Factory: opening(seed, kind, travel, ...)."""
+    return make_opening
+
+
+@pytest.fixture(scope="session")
+def score():
+    """score(posterior, opening)."""
+    return score_opening
 
 
 @pytest.fixture(scope="session")

@@ -27,6 +27,7 @@ from akm_fg.posterior import (
     StatePosterior,
 )
 from akm_fg.records import PinholeCamera, RgbdFrame
+from factors.joint import Joint
 
 CAMERA = PinholeCamera(4, 3, 4.0, 4.0, 1.5, 1.0)
 
@@ -88,7 +89,7 @@ def run(monkeypatch):
         def fit(recording):
             n = len(recording.frames)
             mean, sd = np.full(n, world.state), np.full(n, state_sd)
-            joint = JointPosterior(kind, np.eye(4), np.eye(6) * 1e-6, ())
+            joint = JointPosterior(Joint(kind, np.eye(4), 0.0), np.eye(6) * 1e-6)
             best = KindPosterior(joint, StatePosterior("m", mean, sd), Evidence(0.0, 0.0, 0.0, 0.0))
             report = FitReport(0.0, 1, 0, 0.0, 1.0, 1.0, 1.0, True)
             posterior = ArticulationPosterior("x", kind, {kind: 1.0}, {kind: best}, report)

@@ -13,12 +13,12 @@ from akm_fg.posterior import (
     normal_bound,
     radius_quantile,
 )
+from factors.joint import Joint
 
 
 def _joint(kind="revolute", cov=None):
     T = np.array([[0, 0, 1.0, 2], [1, 0, 0, 3], [0, 1, 0, 4], [0, 0, 0, 1]])
-    gauge = {"revolute": ("wz", "vz"), "prismatic": ("wz", "vx", "vy", "vz")}[kind]
-    return JointPosterior(kind, T, np.zeros((6, 6)) if cov is None else cov, gauge)
+    return JointPosterior(Joint(kind, T, 0.0), np.zeros((6, 6)) if cov is None else cov)
 
 
 @pytest.mark.parametrize("level", [0.5, 0.95, 0.99])

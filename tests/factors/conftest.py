@@ -6,7 +6,7 @@ import gtsam
 import numpy as np
 import pytest
 
-from factors.joint_motion import unit_twist
+from factors.joint import Joint
 from factors.measurements.track_cost import TrackObservations
 
 # Where derivatives are checked: states and rotation of the joint frame.
@@ -37,6 +37,10 @@ class Scene:
     cov_world: np.ndarray  # (T, N, 3, 3)
 
     @property
+    def joint(self) -> Joint:
+        return Joint(self.kind, self.T_world_joint, self.pitch)
+
+    @property
     def pitch(self) -> float:
         """Metres per radian; 0 of a joint that is not helical."""
         return PITCH_M_PER_RAD[self.kind]
@@ -57,7 +61,7 @@ def place(
 
     `pitch` (metres per radian) is that of the kind's scenes where none is given.
     """
-    S = unit_twist(kind, PITCH_M_PER_RAD[kind] if pitch is None else pitch)
+    S = Joint(kind, np.eye(4), PITCH_M_PER_RAD[kind] if pitch is None else pitch).unit_twist
     T = gtsam.Pose3(T_world_joint).compose(gtsam.Pose3.Expmap(q * S))
     return np.array([T.transformFrom(x) for x in x_joint])
 

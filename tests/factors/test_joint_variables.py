@@ -26,17 +26,17 @@ def test_fixed_states_are_zero_and_no_columns():
     variables = JointVariables("helical", JOINT, tuple(Q), PITCH)
     assert variables.columns.tolist() == [0, 1, 2, 3, 4, 5, 7, 9, 10]
     assert list(variables.dims.items()) == [(JOINT, 6), (Q[1], 1), (Q[3], 1), (PITCH, 1)]
-    T, q, pitch = variables.read(_values(helical=True))
-    assert_allclose(T, gtsam.Pose3.Expmap(np.arange(6) / 10).matrix())
+    joint, q = variables.read(_values(helical=True))
+    assert_allclose(joint.T_world_joint, gtsam.Pose3.Expmap(np.arange(6) / 10).matrix())
     assert q.tolist() == [0.0, 0.3, 0.0, -0.2]
-    assert pitch == 0.05
+    assert joint.pitch == 0.05
 
 
 def test_a_cost_given_by_its_normal_equations_has_its_gradient_in_gtsam():
     """Half of (q1 - 1)^2 + 4 (q3 + 2 q1)^2, with 7 beside it."""
     variables = JointVariables("revolute", JOINT, tuple(Q))
 
-    def evaluate(T, q, pitch, want):
+    def evaluate(joint, q, want):
         a, b = q[1] - 1, q[3] + 2 * q[1]
         H, g = np.zeros((10, 10)), np.zeros(10)
         rows = np.zeros((2, 10))

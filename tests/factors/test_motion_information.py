@@ -6,7 +6,6 @@ import pytest
 from numpy.testing import assert_allclose
 
 from factors.finite_differences import central_difference
-from factors.joint_motion import motion_jacobians, part_motion
 from factors.measurements.track_cost import TrackObservations, track_cost
 from factors.measurements.track_information import track_normal_equations
 from factors.motion_information import latent_points, motion_information
@@ -17,7 +16,7 @@ GAUSSIAN, ROBUST = 1e9, 4.0
 
 def _motions(s, size=2e-3, seed=3):
     """Motions near but not at the scene's own, and not of any joint."""
-    R, t = part_motion(s.kind, s.T_world_joint, s.q, s.pitch)
+    R, t = s.joint.motion(s.q)
     rng = np.random.default_rng(seed)
     return _moved(R, t, rng.normal(0, size, (s.q.size, 6)))
 
@@ -40,12 +39,10 @@ def test_chained_to_a_joint_it_is_the_point_track_factors_normal_equations(
     s.p_world[0, :2] = np.nan
     s.p_world[2:, 4] = np.nan
     q = s.q + np.array([0.0, 0.003, -0.002, 0.004])
-    cost = track_cost(kind, s.T_world_joint, q, s.tracks, GAUSSIAN, 1.3, pitch=s.pitch)
-    H, g = track_normal_equations(kind, q, cost, s.pitch)
-    motions = motion_information(
-        *part_motion(kind, s.T_world_joint, q, s.pitch), s.tracks, GAUSSIAN, 1.3
-    )
-    by_xi, by_state, by_pitch = motion_jacobians(kind, s.T_world_joint, q, s.pitch)
+    cost = track_cost(s.joint, q, s.tracks, GAUSSIAN, 1.3)
+    H, g = track_normal_equations(s.joint, q, cost)
+    motions = motion_information(*s.joint.motion(q), s.tracks, GAUSSIAN, 1.3)
+    by_xi, by_state, by_pitch = s.joint.motion_jacobians(q)
     J = np.zeros((4, 6, H.shape[0]))
     J[:, :, :6] = by_xi
     for t in range(4):
@@ -78,7 +75,7 @@ def test_gradient_is_that_of_the_cost_with_latent_points_at_their_best(kind, dof
 
 def test_information_is_half_the_curvature_of_a_gaussian_cost_at_exact_points(scene):
     s = scene("revolute", sigma=0)
-    R, t = part_motion(s.kind, s.T_world_joint, s.q)
+    R, t = s.joint.motion(s.q)
 
     def gradient(d):
         return motion_information(*_moved(R, t, d.reshape(-1, 6)), s.tracks, GAUSSIAN, 1.0).gradient
@@ -150,14 +147,14 @@ def test_two_frames_and_one_point_hold_their_distance_by_half_its_information():
 def test_latent_points_are_the_scenes_own_at_the_true_motions(kind, scene):
     """In the reference pose, in world."""
     s = scene(kind, sigma=0)
-    x, d2 = latent_points(*part_motion(kind, s.T_world_joint, s.q, s.pitch), s.tracks, ROBUST, 1.0)
+    x, d2 = latent_points(*s.joint.motion(s.q), s.tracks, ROBUST, 1.0)
     assert_allclose(x, s.p_world[0].T, atol=1e-12)
     assert_allclose(d2, 0.0, atol=1e-15)
 
 
 def test_motions_of_another_number_of_frames_are_refused(scene):
     s = scene()
-    R, t = part_motion(s.kind, s.T_world_joint, s.q)
+    R, t = s.joint.motion(s.q)
     with pytest.raises(ValueError, match="tracks have 4 frames"):
         motion_information(R[:3], t[:3], s.tracks, ROBUST, 1.0)
     with pytest.raises(ValueError, match="tracks have 4 frames"):

@@ -4,123 +4,127 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-import numpy as np
-
 from akm_fg.errors import AxisUnobservable
-from akm_fg.estimation.between_kinds.evidence import correlated_points, correlation_frames
 from akm_fg.estimation.between_kinds.starts import Start, starts_of_part
-from akm_fg.estimation.between_kinds.weighed_kinds import FittedKinds, weighed
-from akm_fg.estimation.given.initial_guess import JointGuess
+from akm_fg.estimation.between_kinds.weighed_kinds import Correlation, FittedKinds, weighed
 from akm_fg.estimation.given.problem import FitProblem
-from akm_fg.estimation.given.surface_registration import SurfaceSource, register
-from akm_fg.estimation.one_kind.joint_graph import GraphProblem
-from akm_fg.estimation.one_kind.kind_fit import fit_kind, start_rank
+from akm_fg.estimation.joint_prior import log_joint_prior
+from akm_fg.estimation.one_kind.kind_fit import fit_kind, fit_rigid
 from akm_fg.estimation.one_kind.laplace import KindFit
-from akm_fg.estimation.one_kind.rigid_fit import fit_rigid
+from akm_fg.estimation.sources.source import FirstFit
+from akm_fg.estimation.sources.track_noise import correlated_points, correlation_frames
 from akm_fg.estimation.steps import Steps
+from akm_fg.geometry.joint_guess import JointGuess
+from factors.joint import JointKind
+from factors.student_t import twice_negative_log_kernel
 
 
-def fit_in_steps(
-    problem: FitProblem, began: float, surface: SurfaceSource | None = None
-) -> Steps[FittedKinds]:
+def fit_in_steps(problem: FitProblem, began: float) -> Steps[FittedKinds]:
     """All kinds fitted and weighed, with a pause after every piece of work.
+
+    First what is there from the start; then, with what that fit says of the part, the sources that
+    need to know it (surface, gripper).
 
     Raises:
         AxisUnobservable: no moving kind can be fitted.
     """
-    graph = graph_problem(problem)
-    fits, warnings = yield from fit_kinds(problem, graph)
-    likeliest = max(fits, key=lambda fit: fit.log_likelihood)
-    tau, visible = correlation_frames(likeliest, problem.observations)
-    together = correlated_points(likeliest, problem.observations)
-    if visible < 1.0:
-        observations = replace(problem.observations, visible_share=visible)
-        graph = replace(graph, observations=observations)
+    fits, warnings = yield from fit_kinds(problem)
+    likeliest = _likeliest(fits)
+    frames, visible = correlation_frames(likeliest.tracks)
+    correlation = Correlation(frames, correlated_points(likeliest.tracks))
+    if visible < 1.0:  # the noise is larger than the residuals show
+        problem = problem.with_source(replace(problem.tracks, visible_share=visible))
         for i, fit in enumerate(fits):
-            fits[i] = _refitted(fit, graph)
+            fits[i] = _refitted(fit, problem)
             yield
-        problem = replace(problem, observations=observations)
-    guess = _guess_of(likeliest)
-    held = problem.holding(guess, likeliest.state_sd, tau * together)
-    more, problem = held is not problem, held
-    if surface is not None and likeliest.T_world_joint is not None and problem.motions is not None:
-        registration = register(problem, guess, likeliest.scales, surface, tau * together)
-        if registration is not None:
-            more, problem = True, registration.problem
-    if more:
-        fits, warnings = yield from fit_kinds(problem, graph_problem(problem))
-    return weighed(fits, problem, (tau, together), warnings, began)
-
-
-def graph_problem(problem: FitProblem) -> GraphProblem:
-    """What the graphs of all kinds are built from."""
-    return GraphProblem(
-        problem.observations,
-        problem.centroid_world,
-        problem.lever_m,
-        problem.start,
-        problem.config,
-        None if problem.motions is None else problem.motions.x_world,
-        problem.knowledge.states,
-        problem.keyframes,
+    first = FirstFit(
+        likeliest.guess,
+        likeliest.state_sd,
+        likeliest.scales,
+        correlation.as_one,
+        likeliest.joint is not None,
     )
+    more, _ = yield from with_late_sources(problem, first)
+    if more is not problem:
+        problem = more
+        fits, warnings = yield from fit_kinds(problem)
+    return weighed(fits, problem, correlation, warnings, began)
 
 
-def fit_kinds(problem: FitProblem, graph: GraphProblem) -> Steps[tuple[list[KindFit], list[str]]]:
+def with_late_sources(problem: FitProblem, first: FirstFit) -> Steps[tuple[FitProblem, FirstFit]]:
+    """The problem with what its late sources tell beside a first fit, each after the other."""
+    for late in problem.late:
+        found = yield from late.found(problem, first)
+        if found is not None:
+            problem, first = found
+    return problem, first
+
+
+def fit_kinds(problem: FitProblem) -> Steps[tuple[list[KindFit], list[str]]]:
     """Every kind that can be fitted, and why the others cannot."""
     if problem.motions is not None:
         starts = starts_of_part(problem, problem.motions)
         yield
-        moving, reasons = yield from _fit_part(starts, graph)
+        moving, reasons = yield from _fit_part(starts, problem)
     else:
-        moving, reasons = _fit_path(problem.guesses, graph)
+        moving, reasons = _fit_path(problem)
     if not moving:
         raise AxisUnobservable(f"{problem.name}: " + "; ".join(reasons))
-    return [fit_rigid(graph), *moving], reasons
+    return [fit_rigid(problem), *moving], reasons
 
 
-def _fit_part(starts: list[Start], graph: GraphProblem) -> Steps[tuple[list[KindFit], list[str]]]:
+def _likeliest(fits: list[KindFit]) -> KindFit:
+    return max(fits, key=lambda fit: fit.log_likelihood)
+
+
+def _fit_part(starts: list[Start], problem: FitProblem) -> Steps[tuple[list[KindFit], list[str]]]:
     """Graphs of kinds that start at their best joint; those out of the race stay there."""
     fits, reasons = [], []
     for start in starts:
-        in_race = start.nats_behind < graph.config.solve_within and start.worth_it
+        in_race = start.nats_behind < problem.config.solve_within and start.worth_it
         try:
-            fits.append(fit_kind(start.guess, graph, effort="full" if in_race else "none"))
+            fits.append(fit_kind(start.guess, problem, effort="full" if in_race else "none"))
         except AxisUnobservable as error:
             reasons.append(str(error))
         yield
     return fits, reasons
 
 
-def _fit_path(guesses: list[JointGuess], graph: GraphProblem) -> tuple[list[KindFit], list[str]]:
+def _fit_path(problem: FitProblem) -> tuple[list[KindFit], list[str]]:
     """The path of one point has several bends to choose from: solved roughly, the best polished."""
     fits, reasons = [], []
-    for kind in ("prismatic", "revolute"):
+    for kind in (JointKind.PRISMATIC, JointKind.REVOLUTE):
         starts = sorted(
-            (guess for guess in guesses if guess.kind == kind),
-            key=lambda guess: start_rank(guess, graph),
+            (guess for guess in problem.guesses if guess.kind is kind),
+            key=lambda guess: start_rank(guess, problem),
         )
         if not starts:
             reasons.append(f"{kind} joint: too few frames for a start")
             continue
         try:
-            rough = [fit_kind(guess, graph, effort="rough") for guess in starts[:2]]
+            rough = [fit_kind(guess, problem, effort="rough") for guess in starts[:2]]
             fits.append(max(rough, key=lambda fit: fit.log_evidence))
         except AxisUnobservable as error:
             reasons.append(str(error))
     if not fits:
         return [], reasons
-    lead = max(fit.log_evidence for fit in fits) - graph.config.polish_within
-    return [_refitted(fit, graph) if fit.log_evidence > lead else fit for fit in fits], reasons
+    lead = max(fit.log_evidence for fit in fits) - problem.config.polish_within
+    return [_refitted(fit, problem) if fit.log_evidence > lead else fit for fit in fits], reasons
 
 
-def _refitted(fit: KindFit, graph: GraphProblem) -> KindFit:
+def start_rank(guess: JointGuess, problem: FitProblem) -> float:
+    """Rough negative log posterior of a start, for choosing among those of one kind.
+
+    At the noise level known so far, systematic part included: far hinges all look like a drawer,
+    and where the noise cannot tell them apart the hinge's prior does.
+    """
+    tracks, config = problem.tracks, problem.config
+    scale2 = tracks.first_scale**2 + tracks.min_scale**2
+    d2 = tracks.rough_errors(guess) / scale2
+    cost = 0.5 * float(twice_negative_log_kernel(d2, config.dof, 3).sum())
+    return cost - log_joint_prior(guess.joint, problem.centroid_world, config.prior)
+
+
+def _refitted(fit: KindFit, problem: FitProblem) -> KindFit:
     """The kind solved again, from where it was."""
-    return fit_rigid(graph) if fit.T_world_joint is None else fit_kind(_guess_of(fit), graph, fit)
-
-
-def _guess_of(fit: KindFit) -> JointGuess:
-    """Where a fit ended; rigid as a prismatic joint that stays at zero."""
-    if fit.T_world_joint is None:
-        return JointGuess("prismatic", np.eye(4), fit.q)
-    return JointGuess(fit.kind, fit.T_world_joint, fit.q, fit.pitch)
+    return fit_rigid(problem) if fit.joint is None else fit_kind(fit.guess, problem, fit)

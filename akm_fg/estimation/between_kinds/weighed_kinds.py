@@ -13,10 +13,7 @@ from akm_fg.estimation.between_kinds.evidence import (
     kind_probabilities,
     nested_screw,
     rest_is_shown,
-    temper,
 )
-from akm_fg.estimation.given.initial_guess import TURN_ABOUT_X
-from akm_fg.estimation.given.knowledge import passed_limits
 from akm_fg.estimation.given.problem import NOMINAL_POSITION_M, FitProblem
 from akm_fg.estimation.one_kind.laplace import KindFit
 from akm_fg.estimation.one_kind.sampled_posterior import sampled
@@ -29,10 +26,21 @@ from akm_fg.posterior import (
     NamedKind,
     StatePosterior,
 )
-from akm_fg.records import JointKind
-from factors.priors.gauge import GAUGE_NAMES
 
 _NOT_WORTH_SAMPLING = 1e-3  # probability of a kind beside one that is named
+
+
+@dataclass(frozen=True, slots=True)
+class Correlation:
+    """Observations of the tracks that err together."""
+
+    frames: float = 1.0  # neighbours in time
+    points: float = 1.0  # neighbours on the part
+
+    @property
+    def as_one(self) -> float:
+        """How many count as one."""
+        return self.frames * self.points
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,7 +55,7 @@ class FittedKinds:
 def weighed(
     fits: list[KindFit],
     problem: FitProblem,
-    correlation: tuple[float, float],
+    correlation: Correlation,
     warnings: list[str],
     began: float,
 ) -> FittedKinds:
@@ -56,18 +64,21 @@ def weighed(
     Args:
         fits: the solved kinds.
         problem: they were solved for.
-        correlation: how many neighbouring frames err together, and how many points.
+        correlation: observations that err together.
         warnings: so far.
         began: when the fit did, on the performance counter.
     """
-    as_one = correlation[0] * correlation[1]
-    fits = [pointing_forward(temper(fit, as_one, problem)) for fit in fits]
+    as_one = correlation.as_one
+    fits = [fit.tempered(as_one).pointing_forward() for fit in fits]
     fits = nested_screw(fits, problem)
     probability = kind_probabilities(fits, problem.config.prior)
     best = max(fits, key=lambda fit: probability[fit.kind])
     parametric = is_parametric(best, problem, as_one)
     warnings = warnings + [
-        text for fit in fits for text in passed_limits(problem.knowledge.states, fit.kind, fit.q)
+        text
+        for fit in fits
+        for source in problem.sources
+        for text in source.warnings(fit.kind, fit.q)
     ]
     decided = parametric and probability[best.kind] >= problem.config.undecided_below
     if best.kind == "rigid" and not rest_is_shown(fits, problem.config.prior):
@@ -92,88 +103,48 @@ def with_sampled_joints(fitted: FittedKinds) -> ArticulationPosterior:
         if answer.kind_probability[fit.kind] > least:
             better = sampled(fit, fitted.problem)
             if better is not fit:
-                alternatives[fit.kind] = _kind_posterior(pointing_forward(better), fitted.problem)
+                alternatives[fit.kind] = _kind_posterior(better.pointing_forward(), fitted.problem)
     return replace(answer, alternatives=alternatives)
 
 
-def pointing_forward(fit: KindFit) -> KindFit:
-    """The same joint with its axis along growing states."""
-    if fit.T_world_joint is None or fit.q.mean() >= 0:
-        return fit
-    T = fit.T_world_joint.copy()
-    T[:3, :3] *= TURN_ABOUT_X
-    turned = np.tile(TURN_ABOUT_X, 2)
-    signs = np.ones(fit.cov.shape[0])
-    signs[: len(fit.joint_directions)] = turned[list(fit.joint_directions)]
-    signs[-(fit.q.size - 1) :] = -1
-    return replace(
-        fit,
-        T_world_joint=T,
-        q=-fit.q,
-        cov=fit.cov * np.outer(signs, signs),
-        x_joint=fit.x_joint * TURN_ABOUT_X[:, None],
-        residual_joint=fit.residual_joint * TURN_ABOUT_X,
-    )
-
-
 def _kind_posterior(fit: KindFit, problem: FitProblem) -> KindPosterior:
-    if fit.T_world_joint is None:
+    if fit.joint is None:
         return KindPosterior(None, None, fit.evidence)
     mean, sd = states_of_all_frames(fit, problem.points, problem.keyframes, problem.config)
-    states = StatePosterior("m" if fit.kind == "prismatic" else "rad", mean, sd)
+    states = StatePosterior(fit.joint.kind.unit, mean, sd)
     return KindPosterior(joint_posterior(fit), states, fit.evidence)
 
 
 def joint_posterior(fit: KindFit) -> JointPosterior:
     """Joint and covariance of a solved moving kind."""
-    assert fit.T_world_joint is not None
-    return JointPosterior(
-        kind=cast(JointKind, fit.kind),
-        T_world_joint=fit.T_world_joint,
-        cov=fit.joint_cov,
-        gauge=GAUGE_NAMES[fit.kind],
-        pitch_m_per_rad=fit.pitch if fit.kind == "helical" else None,
-        pitch_sd_m_per_rad=fit.pitch_sd if fit.kind == "helical" else None,
-    )
+    joint = fit.moving
+    return JointPosterior(joint, fit.joint_cov, fit.pitch_sd if joint.kind.has_pitch else None)
 
 
 def _report(
     best: KindFit,
     problem: FitProblem,
-    correlation: tuple[float, float],
+    correlation: Correlation,
     parametric: bool,
     warnings: tuple[str, ...],
 ) -> FitReport:
-    observed = problem.observations.tracks.observed
-    unit = 1.0 if problem.observations.noise_known else NOMINAL_POSITION_M
-    surface = _surface_report(best, problem, correlation[0] * correlation[1])
-    rms_m = surface.get("patches_rms_m", 0.0)
-    if observed.any():
-        rms_m = float(np.sqrt(best.squared_error_m2[observed].mean()))
+    tracks = best.tracks
+    unit = 1.0 if problem.tracks.noise_known else NOMINAL_POSITION_M
+    reported: dict[str, Any] = {}
+    for said in best.said.values():
+        reported |= said.reported(correlation.as_one)
+    rms_m = reported.get("patches_rms_m", 0.0)
+    if tracks.observed.any():
+        rms_m = float(np.sqrt(tracks.squared_error_m2[tracks.observed].mean()))
     return FitReport(
         log_evidence=best.log_evidence,
-        tracks_used=int(observed.any(axis=0).sum()),
+        tracks_used=int(tracks.observed.any(axis=0).sum()),
         tracks_rejected=problem.tracks_rejected,
         rms_m=rms_m,
-        noise_scale=best.scales.track * unit,
-        correlation_frames=correlation[0],
-        correlation_points=correlation[1],
+        noise_scale=tracks.scale * unit,
+        correlation_frames=correlation.frames,
+        correlation_points=correlation.points,
         parametric=parametric,
         warnings=warnings,
-        holds=problem.holds,
-        **surface,
+        **reported,
     )
-
-
-def _surface_report(best: KindFit, problem: FitProblem, as_one: float) -> dict[str, Any]:
-    """The fields of `FitReport` on the surface; empty without one."""
-    dense = problem.observations.dense
-    if dense is None or best.dense_cost is None:
-        return {}
-    seen = dense.patches.seen
-    return {
-        "keyframes_registered": tuple(int(k) for k in problem.keyframes[dense.frames]),
-        "patches_used": int(seen.any(axis=0).sum()),
-        "patches_rms_m": float(np.sqrt((best.dense_cost.e[seen] ** 2).mean())),
-        "patches_as_one": dense.count_as_one * as_one,
-    }

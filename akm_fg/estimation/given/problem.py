@@ -2,31 +2,22 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from akm_fg.errors import TracksLost
 from akm_fg.estimation.config import FitConfig
-from akm_fg.estimation.given.initial_guess import (
-    JointGuess,
-    drawer_along,
-    guesses_from_motion,
-    guesses_from_path,
-)
-from akm_fg.estimation.given.knowledge import Knowledge
-from akm_fg.estimation.given.observations import (
-    T_OVER_NORMAL,
-    Observations,
-    Scales,
-    updated_scales,
-)
+from akm_fg.estimation.given.guesses import drawer_along, guesses_from_motion, guesses_from_path
 from akm_fg.estimation.given.path import local_noise, select_keyframes
-from akm_fg.estimation.sources.gripper import holds_of
+from akm_fg.estimation.sources.orientations import OrientationSource
+from akm_fg.estimation.sources.source import Given, LateSource, Part, Source
+from akm_fg.estimation.sources.tracks import T_OVER_NORMAL, TrackSource
+from akm_fg.geometry.joint_guess import JointGuess
 from akm_fg.geometry.rigid_motion import MIN_POINTS, RigidMotion, free_rigid_motion
 from akm_fg.records import FloatArray, PointTracks
-from factors.joint_motion import part_motion
 from factors.measurements.track_cost import TrackObservations
 from factors.motion_information import MotionInformation, latent_points, motion_information
 
@@ -43,64 +34,65 @@ class FitProblem:
     name: str
     points: PointTracks  # all T frames of the tracks that count
     keyframes: NDArray[np.int_]  # (K,) frames in the graph; the first is where the state is zero
-    observations: Observations  # the keyframes'
+    sources: tuple[Source, ...]  # over the keyframes; the tracks are the first
     guesses: list[JointGuess]  # over the keyframes
     centroid_world: FloatArray  # (3,) of the points in the first keyframe
     lever_m: float  # root mean square size of the points about it
-    start: Scales
     local_scale: float  # noise that no joint is needed to see, in given standard deviations
     travel_m: float
     tracks_rejected: int
     config: FitConfig
     motions: MotionInformation | None  # free motions over the keyframes; None for a path
-    systematic_m: float = 0.0  # errors of the tracks that no averaging removes
+    late: tuple[LateSource, ...] = ()  # over the T frames; read after a first fit
     members: NDArray[np.int_] | None = None  # (N,) which of the given tracks count; None: all
-    knowledge: Knowledge = field(default_factory=Knowledge)  # over the T frames
 
-    def knowing(self, knowledge: Knowledge | None) -> FitProblem:
-        """The problem with what else is known.
+    @property
+    def tracks(self) -> TrackSource:
+        """The tracks; there may be none in them."""
+        tracks = self.sources[0]
+        assert isinstance(tracks, TrackSource)
+        return tracks
+
+    @property
+    def part(self) -> Part:
+        """What the terms of the sources may know of the part."""
+        return Part(self.config, self.centroid_world, self.lever_m, self.keyframes)
+
+    def knowing(self, given: Sequence[Given]) -> FitProblem:
+        """The problem with other sources.
 
         Raises:
-            ValueError: that is not over its frames.
+            ValueError: one is not over its frames.
         """
-        if knowledge is None:
-            return self
-        knowledge.check(self.points.p_world.shape[0])
-        observations = replace(self.observations, noise_level=knowledge.noise_level)
-        return replace(self, knowledge=knowledge, observations=observations)
+        for each in given:
+            each.check(self.points.p_world.shape[0])
+        now = tuple(each for each in given if isinstance(each, Source))
+        late = tuple(each for each in given if isinstance(each, LateSource))
+        return replace(self, sources=self.sources + now, late=self.late + late)
 
-    def holding(self, guess: JointGuess, state_sd: FloatArray | None, as_one: float) -> FitProblem:
-        """The problem with the gripper's holds, if any, judged by a fitted joint."""
-        gripper = self.knowledge.gripper
-        if gripper is None:
-            return self
-        sd = np.zeros_like(guess.q) if state_sd is None else state_sd
-        grasp = holds_of(gripper, self.keyframes, guess, sd, as_one)
-        if grasp is None:
-            return self
-        return replace(self, observations=replace(self.observations, grasp=grasp))
+    def with_source(self, source: Source) -> FitProblem:
+        """The problem with a source that takes the place of the one of its name, if any."""
+        names = [each.name for each in self.sources]
+        if source.name not in names:
+            return replace(self, sources=(*self.sources, source))
+        at = names.index(source.name)
+        return replace(self, sources=(*self.sources[:at], source, *self.sources[at + 1 :]))
 
-    def counting(self, as_one: float) -> FitProblem:
+    def restricted(self, frames: NDArray[np.int_]) -> FitProblem:
+        """Over some of its graph's frames (indices, growing); free motions are to be found anew."""
+        sources = [source.restricted(frames) for source in self.sources]
+        return replace(
+            self,
+            keyframes=self.keyframes[frames],
+            sources=tuple(source for source in sources if source is not None),
+            guesses=[guess.restricted(frames) for guess in self.guesses],
+            motions=None,
+        )
+
+    def counting(self, shared: float) -> FitProblem:
         """The problem with the others weighed for tracks of which so many count as one."""
-        dense, grasp = self.observations.dense, self.observations.grasp
-        if dense is not None:
-            dense = replace(dense, count_as_one=max(dense.count_as_one / as_one, 1e-3))
-        if grasp is not None:
-            grasp = replace(grasp, count_as_one=grasp.count_as_one / as_one)
-        return replace(self, observations=replace(self.observations, dense=dense, grasp=grasp))
-
-    @property
-    def holds(self) -> tuple[tuple[int, int], ...]:
-        """First and last frame of each hold in the graph."""
-        grasp = self.observations.grasp
-        holds = () if grasp is None else grasp.holds
-        ends = (self.keyframes[hold.frames[[0, -1]]] for hold in holds)
-        return tuple((int(first), int(last)) for first, last in ends)
-
-    @property
-    def has_tracks(self) -> bool:
-        """Whether any point track counts."""
-        return self.observations.tracks.observed.shape[1] > 0
+        others = tuple(source.recounted(shared) for source in self.sources[1:])
+        return replace(self, sources=(self.sources[0], *others))
 
 
 def problem_of_tracks(
@@ -126,14 +118,10 @@ def problem_of_tracks(
     problem = _problem(
         name=name,
         points=tracks.select(motion.inlier),
-        R_world_part=None,
         keyframes=keyframes,
         guesses=guesses_from_motion(motion),
-        noise=(
-            noise_known,
-            T_OVER_NORMAL * motion.scale,
-            max(motion.scale, float(noise_known)),
-            0.0,
+        noise=_Noise(
+            noise_known, T_OVER_NORMAL * motion.scale, max(motion.scale, float(noise_known))
         ),
         centroid_world=first.mean(axis=1),
         lever_m=float(np.sqrt(((shape - shape.mean(axis=0)) ** 2).sum(axis=1).mean())),
@@ -148,13 +136,15 @@ def problem_of_tracks(
 def _with_motions(problem: FitProblem, motion: RigidMotion) -> FitProblem:
     """The problem with its free motions from the first keyframe, at the noise level they show."""
     R, t = (each[problem.keyframes] for each in motion.from_frame(int(problem.keyframes[0])))
-    observations, config, scales = problem.observations, problem.config, problem.start
-    x = None
+    tracks, config = problem.tracks, problem.config
+    scale, x = tracks.first_scale, None
+    freedom = tracks.freedom(6 * (R.shape[0] - 1))
     for _ in range(_FREE_SCALE_ITERATIONS):
-        x, d2 = latent_points(R, t, observations.tracks, config.dof, scales.track, x)
-        scales = updated_scales(d2, None, 6 * (R.shape[0] - 1), scales, observations, config)
-    motions = motion_information(R, t, observations.tracks, config.dof, scales.track, x)
-    return replace(problem, motions=motions, start=scales)
+        x, d2 = latent_points(R, t, tracks.observations, config.dof, scale, x)
+        scale = tracks.rescaled(d2, scale, freedom, None)
+    motions = motion_information(R, t, tracks.observations, config.dof, scale, x)
+    tracks = replace(tracks, first_scale=scale, x_world=motions.x_world)
+    return replace(problem, motions=motions).with_source(tracks)
 
 
 def problem_of_path(
@@ -183,19 +173,22 @@ def problem_of_path(
     systematic = 0.0 if noise_known else config.systematic_share * travel_m / sigma_m
     # A single marker sits on the handle, not in the middle of the part.
     prior = replace(config.prior, hinge_distance_m=config.prior.handle_distance_m)
-    return _problem(
+    problem = _problem(
         name=name,
         points=tracks,
-        R_world_part=R_world_part,
         keyframes=select_keyframes(path[known], known, config.max_frames),
         guesses=guesses_from_path(path, seen),
-        noise=(noise_known, max(noise, 1e-3), max(noise, float(noise_known)), systematic),
+        noise=_Noise(noise_known, max(noise, 1e-3), max(noise, float(noise_known)), systematic),
         centroid_world=path[known[0]],
         lever_m=0.0,
         travel_m=travel_m,
         tracks_rejected=0,
         config=replace(config, prior=prior),
     )
+    if R_world_part is None:
+        return problem
+    turned = R_world_part[problem.keyframes]
+    return problem.with_source(OrientationSource(turned, _START_ORIENTATION_RAD, problem.config))
 
 
 def problem_of_surface(
@@ -210,7 +203,7 @@ def problem_of_surface(
         centroid_world: (3,) roughly the middle of the part at state zero.
         config: tuning.
     """
-    R, t = part_motion(guess.kind, guess.T_world_joint, guess.q, guess.pitch)
+    R, t = guess.motion()
     path = R @ centroid_world + t
     frames = np.arange(guess.q.size)
     scale = 1.0
@@ -220,10 +213,9 @@ def problem_of_surface(
     return _problem(
         name=name,
         points=tracks,
-        R_world_part=None,
         keyframes=select_keyframes(path, frames, config.max_frames),
         guesses=[guess, drawer_along(path)],
-        noise=(True, T_OVER_NORMAL * scale, scale, 0.0),
+        noise=_Noise(True, T_OVER_NORMAL * scale, scale),
         centroid_world=centroid_world,
         lever_m=0.0,
         travel_m=float(np.linalg.norm(path - path[0], axis=1).max()),
@@ -232,41 +224,50 @@ def problem_of_surface(
     )
 
 
+@dataclass(frozen=True, slots=True)
+class _Noise:
+    """Of the tracks, in given standard deviations, as far as it shows without a joint."""
+
+    known: bool  # whether those are more than nominal
+    first_scale: float  # to start from
+    local_scale: float
+    systematic: float = 0.0  # of a path
+
+
 def _problem(
     name: str,
     points: PointTracks,
-    R_world_part: FloatArray | None,
     keyframes: NDArray[np.int_],
     guesses: list[JointGuess],
-    noise: tuple[bool, float, float, float],
+    noise: _Noise,
     centroid_world: FloatArray,
     lever_m: float,
     travel_m: float,
     tracks_rejected: int,
     config: FitConfig,
 ) -> FitProblem:
-    """Restrict to the keyframes; `noise` is (known, start scale, local scale, systematic)."""
-    known, start, local, systematic = noise
+    """Restrict to the keyframes."""
     k = keyframes
     points = points.select(np.asarray(points.observed[k].any(axis=0)))
     seen = points
     if k.size < points.p_world.shape[0]:
         seen = PointTracks(points.p_world[k], points.cov_world[k])
+    tracks = TrackSource(
+        TrackObservations.from_points(seen.p_world, seen.cov_world),
+        noise.known,
+        noise.first_scale,
+        config,
+        noise.systematic,
+    )
     return FitProblem(
         name=name,
         points=points,
         keyframes=k,
-        observations=Observations(
-            TrackObservations.from_points(seen.p_world, seen.cov_world),
-            None if R_world_part is None else R_world_part[k],
-            known,
-            systematic,
-        ),
-        guesses=[replace(guess, q=guess.q[k] - guess.q[k[0]]) for guess in guesses],
+        sources=(tracks,),
+        guesses=[guess.restricted(k) for guess in guesses],
         centroid_world=centroid_world,
         lever_m=lever_m,
-        start=Scales(start, _START_ORIENTATION_RAD),
-        local_scale=local,
+        local_scale=noise.local_scale,
         travel_m=travel_m,
         tracks_rejected=tracks_rejected,
         config=config,

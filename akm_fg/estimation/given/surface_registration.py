@@ -1,8 +1,8 @@
-"""Dense views of keyframes brought into the fit of the tracks.
+"""The part's surface in keyframes, brought into the fit of the tracks.
 
 The best joint that the tracks alone give says where the part's surface lies in every keyframe;
 patches are associated there, the joint is refitted to tracks and patches together, and so on with
-a narrower gate. What comes out are observations for the graphs of all kinds, and the joint to
+a narrower gate. What comes out is a source for the graphs of all kinds, and the joint to
 start from. Nothing is decided here: the association serves every kind alike.
 """
 
@@ -16,20 +16,20 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from akm_fg.estimation.config import DenseConfig
-from akm_fg.estimation.given.initial_guess import JointGuess
-from akm_fg.estimation.given.observations import DenseObservations, Scales, dense_scale_factor
+from akm_fg.estimation.config import SurfaceConfig
+from akm_fg.estimation.given.motion_fit import fit_to_motions
 from akm_fg.estimation.given.problem import FitProblem
-from akm_fg.estimation.one_kind.motion_fit import fit_to_motions
+from akm_fg.estimation.sources.source import FirstFit, LateSource
+from akm_fg.estimation.sources.surface import SURFACE, SurfaceSource
+from akm_fg.estimation.steps import Steps
+from akm_fg.geometry.joint_guess import JointGuess
 from akm_fg.records import BoolArray, FloatArray
-from factors.joint_motion import part_motion
 from factors.measurements.dense_registration import (
     DenseCost,
     PatchObservations,
     dense_cost,
     dense_information,
 )
-from factors.measurements.track_cost import TrackObservations
 from factors.motion_information import MotionInformation, motion_information
 
 
@@ -58,7 +58,7 @@ class SurfaceViews(Protocol):
         """Patches under motions (K, 3, 3), (K, 3) from the reference pose."""
 
 
-class SurfaceSource(Protocol):
+class Surface(Protocol):
     """Gives the part's surface in chosen frames once the part's motion is known."""
 
     def views(
@@ -75,11 +75,19 @@ class SurfaceSource(Protocol):
 
 
 @dataclass(frozen=True, slots=True)
-class Registration:
-    """Dense observations of a problem, and the joint that explains tracks and patches best."""
+class SurfaceToRegister(LateSource):
+    """The part's surface, as far as perception sees it once the part's motion is known."""
 
-    problem: FitProblem  # with the dense observations and the motions of the joint
-    guess: JointGuess
+    surface: Surface
+
+    def found(
+        self, problem: FitProblem, first: FirstFit
+    ) -> Steps[tuple[FitProblem, FirstFit] | None]:
+        """The problem with the surface registered, and the joint that explains both best."""
+        # Nothing moved, or it is the path of one point: there is no part to see.
+        if problem.motions is None or not first.moved:
+            return None
+        return (yield from register(problem, first, self.surface))
 
 
 def spread_by_state(q: FloatArray, count: int) -> NDArray[np.int_]:
@@ -93,79 +101,58 @@ def spread_by_state(q: FloatArray, count: int) -> NDArray[np.int_]:
 
 
 def register(
-    problem: FitProblem,
-    guess: JointGuess,
-    scales: Scales,
-    source: SurfaceSource,
-    as_one: float,
-) -> Registration | None:
+    problem: FitProblem, first: FirstFit, surface: Surface
+) -> Steps[tuple[FitProblem, FirstFit] | None]:
     """Associate the surface with a joint, and refine both in turn.
 
     Args:
         problem: with its tracks, if any.
-        guess: the joint that explains them best, over the graph's frames.
-        scales: noise levels it was fitted with.
-        source: of the keyframes' surfaces.
-        as_one: observations of the tracks that count as one.
+        first: the joint that explains them best, over the graph's frames, and their noise.
+        surface: of the part.
 
     Returns:
-        None where the surface is not seen again in enough places.
+        The problem with the surface as a source and the motions of the joint that explains tracks
+        and patches best, and that joint; None where the surface is not seen again in enough places.
     """
-    config = problem.config.dense
-    count = config.keyframes if problem.has_tracks else config.keyframes_alone
+    config, guess = problem.config.surface, first.guess
+    count = config.keyframes if problem.tracks.any else config.keyframes_alone
     chosen = spread_by_state(guess.q, count)
-    views = source.views(problem.keyframes[chosen].tolist(), *_motion_of_all_frames(problem, guess))
+    views = surface.views(
+        problem.keyframes[chosen].tolist(), *_motion_of_all_frames(problem, guess)
+    )
+    yield
     # A frame that neither a track nor a view sees has no state.
     seen_at = np.isin(problem.keyframes, views.frames)
-    seen_at |= problem.observations.tracks.observed.any(axis=1)
+    seen_at |= problem.tracks.observations.observed.any(axis=1)
     if not seen_at.all():
         kept = np.flatnonzero(seen_at)
-        problem, guess = restricted(problem, kept), restricted_guess(guess, kept)
+        problem, guess = problem.restricted(kept), guess.restricted(kept)
+        first = replace(first, state_sd=first.state_sd[kept])
     at = np.flatnonzero(np.isin(problem.keyframes, views.frames))
     if at.size < 2:
         return None
-    gate_m = config.first_gate_m
+    gate_m, scale = config.first_gate_m, first.scales.get(SURFACE, 1.0)
     for _ in range(config.associations):
-        R, t = part_motion(guess.kind, guess.T_world_joint, guess.q, guess.pitch)
+        R, t = guess.motion()
         seen = views.associate(R[at], t[at], gate_m)
         if seen.patches.precision.shape[1] < config.min_patches:
             return None
-        scales, cost = _dense_scale(seen.patches, R[at], t[at], scales, problem)
-        together = max(readings_as_one(cost, seen.patches, seen.uv) / as_one, 1e-3)
-        dense = DenseObservations(seen.patches, at, together)
+        source = SurfaceSource(seen.patches, at, 1.0, scale, problem.config)
+        source, cost = _rescaled(source, R[at], t[at])
+        scale = source.first_scale
+        together = readings_as_one(cost, seen.patches, seen.uv) / first.shared
+        source = replace(source, count_as_one=max(together, 1e-3))
         problem = _about_surface(problem, cost)
-        motions = _motions(problem, R, t, dense, cost, scales)
+        motions = _motions(problem, R, t, source, cost, first)
         guess = fit_to_motions(guess, motions, problem.centroid_world, problem.config.prior).guess
         precision = np.median(seen.patches.precision[seen.patches.seen])
-        typical_m = scales.dense / math.sqrt(float(precision))
+        typical_m = scale / math.sqrt(float(precision))
         gate_m = max(config.gate_sigmas * typical_m, config.least_gate_m)
-    observations = replace(problem.observations, dense=dense)
-    return Registration(
-        replace(problem, observations=observations, motions=motions, start=scales), guess
-    )
-
-
-def restricted(problem: FitProblem, frames: NDArray[np.int_]) -> FitProblem:
-    """A problem over some of its graph's frames (indices, growing), those that tracks see in it."""
-    tracks = problem.observations.tracks
-    kept = TrackObservations(
-        tracks.p_world[frames],
-        tracks.information_world[frames],
-        tracks.observed[frames],
-        tracks.log_det_cov,
-    )
-    return replace(
-        problem,
-        keyframes=problem.keyframes[frames],
-        observations=replace(problem.observations, tracks=kept),
-        guesses=[restricted_guess(guess, frames) for guess in problem.guesses],
-        motions=None,
-    )
-
-
-def restricted_guess(guess: JointGuess, frames: NDArray[np.int_]) -> JointGuess:
-    """The guess over some of its frames, the first of them at state zero."""
-    return replace(guess, q=guess.q[frames] - guess.q[frames[0]])
+        yield
+    level = first.scales[problem.tracks.name]
+    tracks = replace(problem.tracks, first_scale=level, x_world=motions.x_world)
+    problem = replace(problem, motions=motions).with_source(tracks).with_source(source)
+    return problem, replace(first, guess=guess)
 
 
 def _about_surface(problem: FitProblem, cost: DenseCost) -> FitProblem:
@@ -183,53 +170,49 @@ def _motion_of_all_frames(
     T = problem.points.p_world.shape[0]
     R, t, known = np.tile(np.eye(3), (T, 1, 1)), np.zeros((T, 3)), np.zeros(T, dtype=bool)
     k = problem.keyframes
-    R[k], t[k] = part_motion(guess.kind, guess.T_world_joint, guess.q, guess.pitch)
+    R[k], t[k] = guess.motion()
     known[k] = True
     return R, t, known
 
 
-def _dense_scale(
-    patches: PatchObservations,
-    R: FloatArray,
-    t: FloatArray,
-    scales: Scales,
-    problem: FitProblem,
-) -> tuple[Scales, DenseCost]:
-    """The patches' noise scale by expectation maximisation at fixed motions, and their cost."""
-    dof, scale = problem.config.dof, scales.dense
-    cost = dense_cost(R, t, patches, dof, scale)
-    for _ in range(problem.config.scale_iterations):
-        factor = dense_scale_factor(cost, patches, dof)
+def _rescaled(
+    source: SurfaceSource, R_world: FloatArray, t_world: FloatArray
+) -> tuple[SurfaceSource, DenseCost]:
+    """With the noise scale that maximises the likelihood at fixed motions, and the cost there."""
+    config, scale = source.config, source.first_scale
+    cost = dense_cost(R_world, t_world, source.patches, config.dof, scale)
+    for _ in range(config.scale_iterations):
+        factor = source.scale_factor(cost)
         scale *= factor
-        cost = dense_cost(R, t, patches, dof, scale)
-        if abs(math.log(factor)) < problem.config.scale_tolerance:
+        cost = dense_cost(R_world, t_world, source.patches, config.dof, scale)
+        if abs(math.log(factor)) < config.scale_tolerance:
             break
-    return replace(scales, dense=scale), cost
+    return replace(source, first_scale=scale), cost
 
 
 def _motions(
     problem: FitProblem,
     R: FloatArray,
     t: FloatArray,
-    dense: DenseObservations,
+    surface: SurfaceSource,
     cost: DenseCost,
-    scales: Scales,
+    first: FirstFit,
 ) -> MotionInformation:
     """Tracks and patches as one quadratic form around the motions R, t."""
-    config, start = problem.config, problem.motions
+    tracks = problem.tracks
     motions = motion_information(
         R,
         t,
-        problem.observations.tracks,
-        config.dof,
-        scales.track,
-        None if start is None else start.x_world,
+        tracks.observations,
+        problem.config.dof,
+        first.scales[tracks.name],
+        tracks.x_world,
     )
-    H, g = dense_information(cost, dense.patches)
-    rows = (6 * dense.frames[:, None] + np.arange(6)).ravel()
+    H, g = dense_information(cost, surface.patches)
+    rows = (6 * surface.frames[:, None] + np.arange(6)).ravel()
     information, gradient = motions.information.copy(), motions.gradient.copy()
-    information[np.ix_(rows, rows)] += H / dense.count_as_one
-    gradient[rows] += g / dense.count_as_one
+    information[np.ix_(rows, rows)] += H / surface.count_as_one
+    gradient[rows] += g / surface.count_as_one
     return replace(motions, information=information, gradient=gradient)
 
 
@@ -247,7 +230,7 @@ def readings_as_one(cost: DenseCost, patches: PatchObservations, uv: FloatArray)
     e = np.where(seen, np.sign(cost.e) * np.minimum(size, limit), 0.0)
     variance = float((e[seen] ** 2).mean())
     largest = 1.0
-    for side_px in DenseConfig.blocks_px:
+    for side_px in SurfaceConfig.blocks_px:
         power = count = 0.0
         for k in range(e.shape[0]):
             s = seen[k]

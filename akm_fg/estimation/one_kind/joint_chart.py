@@ -17,11 +17,10 @@ from dataclasses import dataclass
 import gtsam
 import numpy as np
 
-from akm_fg.estimation.given.initial_guess import JointGuess
+from akm_fg.estimation.given.motion_fit import nearest_origin
 from akm_fg.estimation.one_kind.laplace import KindFit
-from akm_fg.estimation.one_kind.motion_fit import JOINT_COORDINATES, nearest_origin
 from akm_fg.records import FloatArray
-from factors.joint_motion import skew
+from factors.joint import JointKind, skew
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,7 +59,7 @@ class Joints:
 class JointChart:
     """The coordinates at one solved joint."""
 
-    kind: str
+    kind: JointKind
     R_world_joint: FloatArray  # (3, 3); x points from the part's middle to the hinge
     centroid_world: FloatArray  # (3,) of the part
     distance: float  # of the hinge from there; 1 for prismatic
@@ -69,26 +68,24 @@ class JointChart:
     @classmethod
     def at(cls, fit: KindFit, centroid_world: FloatArray) -> JointChart:
         """At a solved joint."""
-        assert fit.T_world_joint is not None
-        guess = JointGuess(fit.kind, fit.T_world_joint, fit.q, fit.pitch)
-        T, distance = nearest_origin(guess, centroid_world)
-        return cls(fit.kind, T[:3, :3], centroid_world, distance, fit.pitch)
+        joint = fit.moving
+        T, distance = nearest_origin(joint, centroid_world)
+        return cls(joint.kind, T[:3, :3], centroid_world, distance, joint.pitch)
 
     @property
     def turns(self) -> bool:
         """Whether the part turns."""
-        return self.kind != "prismatic"
+        return self.kind.turns
 
     @property
     def size(self) -> int:
         """Number of coordinates."""
-        return JOINT_COORDINATES[self.kind]
+        return self.kind.coordinates
 
     def covariance(self, fit: KindFit) -> FloatArray:
         """The fit's own covariance in these coordinates, (k, k)."""
-        assert fit.T_world_joint is not None
-        k = self.size
-        J = self._by_tangent(self.R_world_joint[:, :2].T @ fit.T_world_joint[:3, :2], self.distance)
+        k, T_world_joint = self.size, fit.moving.T_world_joint
+        J = self._by_tangent(self.R_world_joint[:, :2].T @ T_world_joint[:3, :2], self.distance)
         return J @ fit.cov[:k, :k] @ J.T
 
     def _by_tangent(self, turn: FloatArray, distance: float) -> FloatArray:
@@ -108,7 +105,7 @@ class JointChart:
             return Joints(R[:, :, 2], place, ones, 0 * ones, turns=False)
         distance = self.distance * np.exp(u[:, 2])
         towards = np.cos(u[:, 3])[:, None] * R[:, :, 0] + np.sin(u[:, 3])[:, None] * R[:, :, 1]
-        pitch = self.pitch + (u[:, 4] if self.kind == "helical" else np.zeros(len(u)))
+        pitch = self.pitch + (u[:, 4] if self.kind.has_pitch else np.zeros(len(u)))
         point = self.centroid_world + distance[:, None] * towards
         return Joints(R[:, :, 2], point, distance, pitch, turns=True)
 

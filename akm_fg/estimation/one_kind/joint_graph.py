@@ -2,156 +2,87 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
 from functools import cache
 
 import gtsam
 import numpy as np
-from numpy.typing import NDArray
 
 from akm_fg.estimation.config import FitConfig
-from akm_fg.estimation.given.initial_guess import JointGuess
-from akm_fg.estimation.given.knowledge import StateKnowledge, StatePriors
-from akm_fg.estimation.given.observations import Observations, Scales
-from akm_fg.estimation.sources.gripper import (
-    GraspVariables,
-    grasp_factors,
-    grasp_key,
-    insert_grasps,
-    without_grasps,
-)
-from akm_fg.records import FloatArray
-from factors.measurements.dense_registration import dense_registration_factor
-from factors.measurements.orientation_track import orientation_track_factor
-from factors.measurements.point_track import point_track_factor
-from factors.measurements.track_cost import TrackCost
+from akm_fg.estimation.given.problem import FitProblem
+from akm_fg.estimation.joint_prior import joint_prior_factors
+from akm_fg.estimation.sources.source import At, Term
+from akm_fg.geometry.joint_guess import JointGuess
+from factors.joint import JointKind
+from factors.joint_variables import JointVariables
 from factors.priors.gauge import gauge_factor
-from factors.priors.hinge_distance import hinge_distance_factor
-from factors.priors.pitch_prior import pitch_prior_factor
 
 JOINT = gtsam.symbol("j", 0)
-REFERENCE = gtsam.symbol("r", 0)
 PITCH = gtsam.symbol("h", 0)
 
 
 @cache
-def state_keys(frames: int) -> tuple[int, ...]:
-    """Keys of q_1 .. q_T-1; that of frame 0 is zero and no variable."""
-    return tuple(gtsam.symbol("q", frame) for frame in range(1, frames))
-
-
-@dataclass(frozen=True, slots=True)
-class GraphProblem:
-    """What every kind's graph is built from."""
-
-    observations: Observations
-    centroid_world: FloatArray  # (3,) of the moving points at state zero
-    lever_m: float  # root mean square size of the moving points about it
-    start: Scales
-    config: FitConfig
-    x_world: FloatArray | None = None  # (3, N) where the latent points start, state zero
-    states: StateKnowledge | None = None  # over the frames of the input
-    keyframes: NDArray[np.int_] | None = None  # (T,) the graph's among them
+def variables_of(kind: JointKind, frames: int) -> JointVariables:
+    """Of a joint over so many frames; the state of frame 0 is zero and no variable."""
+    states = (None, *(gtsam.symbol("q", frame) for frame in range(1, frames)))
+    return JointVariables(kind, JOINT, states, PITCH if kind.has_pitch else None)
 
 
 @cache
-def _still(frames: int) -> gtsam.Values:
+def still_variables(frames: int) -> JointVariables:
+    """Nothing moved: a prismatic joint with no state free."""
+    return JointVariables(JointKind.PRISMATIC, JOINT, (None,) * frames, None)
+
+
+@cache
+def _still(variables: JointVariables) -> gtsam.Values:
     """States of zero: inserting a number into Values costs fifty times what moving it does."""
     values = gtsam.Values()
-    for key in state_keys(frames):
-        values.insert(key, 0.0)
+    for key in variables.state_keys:
+        if key is not None:
+            values.insert(key, 0.0)
     return values
 
 
-def initial_values(guess: JointGuess, observations: Observations) -> gtsam.Values:
-    """The variables of a guess."""
+def initial_values(
+    guess: JointGuess, variables: JointVariables, terms: Sequence[Term]
+) -> gtsam.Values:
+    """The variables of a guess, and the terms' own."""
     states = gtsam.VectorValues()
-    for key, q in zip(state_keys(guess.q.size), guess.q[1:, None], strict=True):
-        states.insert(key, q)
-    values = _still(guess.q.size).retract(states)
-    values.insert(JOINT, gtsam.Pose3(guess.T_world_joint))
-    if guess.kind == "helical":
-        values.insert(PITCH, guess.pitch)
-    if observations.R_world_part is not None:
-        values.insert(REFERENCE, gtsam.Rot3(observations.R_world_part[0]))
-    if observations.grasp is not None:
-        insert_grasps(values, guess, observations.grasp)
+    for key, q in zip(variables.state_keys, guess.q[:, None], strict=True):
+        if key is not None:
+            states.insert(key, q)
+    values = _still(variables).retract(states)
+    values.insert(JOINT, gtsam.Pose3(guess.joint.T_world_joint))
+    if variables.pitch_key is not None:
+        values.insert(variables.pitch_key, guess.joint.pitch)
+    for term in terms:
+        term.insert(values)
     return values
-
-
-def grasp_variables(kind: str, observations: Observations) -> GraspVariables:
-    """Keys of what the factors of the grasps move."""
-    keys = [None, *state_keys(observations.frames)]
-    reference = None if observations.R_world_part is None else REFERENCE
-    return GraspVariables(JOINT, keys, PITCH if kind == "helical" else None, reference)
 
 
 def joint_graph(
-    kind: str,
-    problem: GraphProblem,
-    scales: Scales,
-    x_start: FloatArray | None,
-    last: dict[bytes, TrackCost],
-    states: StatePriors | None = None,
+    variables: JointVariables,
+    terms: Sequence[Term],
+    scales: Mapping[str, float],
+    problem: FitProblem,
 ) -> gtsam.NonlinearFactorGraph:
-    """Observations and priors, without the gauge; `last` keeps the tracks' last evaluation."""
-    observations, config = problem.observations, problem.config
-    keys = [None, *state_keys(observations.frames)]
-    pitch_key = PITCH if kind == "helical" else None
+    """What the sources say and the joint's priors, without the gauge."""
     graph = gtsam.NonlinearFactorGraph()
-    graph.push_back(
-        point_track_factor(
-            kind,
-            JOINT,
-            keys,
-            observations.tracks,
-            config.dof,
-            scales.track,
-            x_start,
-            last,
-            pitch_key,
-        )
-    )
-    dense = observations.dense
-    if dense is not None:
-        graph.push_back(
-            dense_registration_factor(
-                kind,
-                JOINT,
-                [keys[t] for t in dense.frames],
-                dense.patches,
-                config.dof,
-                scales.dense,
-                dense.count_as_one,
-                pitch_key,
-            )
-        )
-    R = observations.R_world_part
-    if R is not None:
-        graph.push_back(
-            orientation_track_factor(
-                kind, JOINT, REFERENCE, keys, R, scales.orientation_rad, config.dof
-            )
-        )
-    if kind != "prismatic":
-        median_m, sigma_log = config.prior.hinge_distance_m, config.prior.hinge_distance_sigma_log
-        graph.push_back(hinge_distance_factor(JOINT, problem.centroid_world, median_m, sigma_log))
-    if pitch_key is not None:
-        graph.push_back(pitch_prior_factor(pitch_key, config.prior.pitch_sigma_m_per_rad))
-    for factor in [] if states is None else states.factors(keys):
+    for term in terms:
+        for factor in term.factors(variables, scales[term.name]):
+            graph.push_back(factor)
+    prior = problem.config.prior
+    for factor in joint_prior_factors(variables, problem.centroid_world, prior):
         graph.push_back(factor)
-    if observations.grasp is not None:
-        graph.push_back(
-            grasp_factors(kind, grasp_variables(kind, observations), observations.grasp)
-        )
     return graph
 
 
 def solved(
     graph: gtsam.NonlinearFactorGraph,
     values: gtsam.Values,
-    kind: str,
-    problem: GraphProblem,
+    kind: JointKind,
+    problem: FitProblem,
     rough: bool,
 ) -> gtsam.Values:
     """The values that minimise the graph with the gauge held."""
@@ -159,42 +90,21 @@ def solved(
     gauged = gtsam.NonlinearFactorGraph(graph)
     heading = values.atPose3(JOINT).rotation()
     gauged.push_back(gauge_factor(kind, JOINT, heading, problem.centroid_world))
-    parameters = gtsam.LevenbergMarquardtParams()
-    parameters.setMaxIterations(config.rough_iterations if rough else config.max_iterations)
-    parameters.setRelativeErrorTol(0.0)
-    parameters.setAbsoluteErrorTol(config.rough_cost_tolerance if rough else config.cost_tolerance)
+    parameters = marquardt(config, rough)
     parameters.setlambdaInitial(1e-5)
     return gtsam.LevenbergMarquardtOptimizer(gauged, values, parameters).optimize()
 
 
-@cache
-def _ordering(frames: int, has_pitch: bool, has_reference: bool, holds: int) -> gtsam.Ordering:
-    ordering = gtsam.Ordering()
-    ordering.push_back(JOINT)
-    if has_pitch:
-        ordering.push_back(PITCH)
-    if has_reference:
-        ordering.push_back(REFERENCE)
-    for key in (*state_keys(frames), *(grasp_key(i) for i in range(holds))):
-        ordering.push_back(key)
-    return ordering
+def marquardt(config: FitConfig, rough: bool) -> gtsam.LevenbergMarquardtParams:
+    """Levenberg-Marquardt that ends when a step gains too little to matter."""
+    parameters = gtsam.LevenbergMarquardtParams()
+    parameters.setMaxIterations(config.rough_iterations if rough else config.max_iterations)
+    parameters.setRelativeErrorTol(0.0)
+    parameters.setAbsoluteErrorTol(config.rough_cost_tolerance if rough else config.cost_tolerance)
+    return parameters
 
 
-def graph_information(
-    linear: gtsam.GaussianFactorGraph,
-    frames: int,
-    has_reference: bool,
-    directions: tuple[int, ...],
-    kind: str,
-    holds: int = 0,
-) -> FloatArray:
-    """Dense information over (observable joint directions, pitch, reference, states).
-
-    Latent grasps, one a hold, are marginalised.
-    """
-    ordering = _ordering(frames, kind == "helical", has_reference, holds)
-    information, _ = linear.hessian(ordering)
-    if holds:
-        information, _ = without_grasps(information, holds)
-    kept = [*directions, *range(6, information.shape[0])]
-    return information[np.ix_(kept, kept)]
+def read(values: gtsam.Values, variables: JointVariables, scales: Mapping[str, float]) -> At:
+    """The solution as the terms want it."""
+    joint, q = variables.read(values)
+    return At(JointGuess(joint, np.asarray(q)), variables, values, scales)

@@ -28,11 +28,13 @@ from scipy import special
 from scipy.stats import qmc
 
 from akm_fg.estimation.config import PriorConfig
+from akm_fg.estimation.given.motion_fit import log_se3
 from akm_fg.estimation.given.problem import FitProblem
 from akm_fg.estimation.one_kind.joint_chart import JointChart, Joints
 from akm_fg.estimation.one_kind.laplace import KindFit
-from akm_fg.estimation.one_kind.motion_fit import log_se3
+from akm_fg.estimation.sources.tracks import TRACKS
 from akm_fg.records import BoolArray, FloatArray
+from factors.joint import Joint
 
 _VAGUE = 0.05  # standard deviation of a tilt (rad) or of a log distance that Laplace still bears
 _SAMPLES = 256
@@ -118,10 +120,10 @@ def sampled(fit: KindFit, problem: FitProblem) -> KindFit:
 
 def _tells(fit: KindFit, problem: FitProblem) -> bool:
     """Whether the tracks, and nothing else, are what the fit knows."""
-    seen = problem.observations
-    others = (seen.dense, seen.grasp, seen.R_world_part, problem.knowledge.states)
-    known = fit.T_world_joint is not None and problem.motions is not None
-    return known and fit.q.size > 3 and all(other is None for other in others)
+    if fit.joint is None or problem.motions is None or fit.q.size <= 3:
+        return False
+    others = (said for name, said in fit.said.items() if name != TRACKS)
+    return not any(other.information.any() for other in others)
 
 
 def _data(fit: KindFit, problem: FitProblem, chart: JointChart) -> _Data:
@@ -136,8 +138,8 @@ def _data(fit: KindFit, problem: FitProblem, chart: JointChart) -> _Data:
     S = chart.joints(zero).unit_twists()[0] * chart.distance
     blocks = motions.information.reshape(T, 6, T, 6)
     of_states = np.array([S @ blocks[t, :, t] @ S for t in range(1, T)])
-    graph = np.diag(fit.information)[-(T - 1) :]
-    weight = float(np.median(graph / of_states)) / fit.cov_factor
+    graph = np.diag(fit.tracks.information)[-(T - 1) :]
+    weight = float(np.median(graph / of_states)) / fit.track_variance_ratio
     return _Data(
         motions.R_world,
         motions.t_world,
@@ -236,7 +238,6 @@ def _log_prior(u: FloatArray, joints: Joints, prior: PriorConfig) -> FloatArray:
 
 
 def _with_moments(fit: KindFit, chart: JointChart, samples: _Samples) -> KindFit:
-    assert fit.T_world_joint is not None
     k, weights = chart.size, samples.weights
     per_arc = 1 / samples.joints.distance
     q = samples.states.mean[:, 1:] * per_arc[:, None]
@@ -250,14 +251,16 @@ def _with_moments(fit: KindFit, chart: JointChart, samples: _Samples) -> KindFit
     T_world_joint, by_chart = chart.frame(mean[:k])
     J = np.eye(mean.size)
     J[:k, :k] = by_chart
-    T_new_old = np.linalg.inv(T_world_joint) @ fit.T_world_joint
+    joint = fit.moving
+    T_new_old = np.linalg.inv(T_world_joint) @ joint.T_world_joint
+    pitch = joint.pitch + float(mean[4]) if joint.kind.has_pitch else joint.pitch
+    x = T_new_old[:3, :3] @ fit.tracks.x_joint + T_new_old[:3, 3:]
     return replace(
         fit,
-        T_world_joint=T_world_joint,
+        joint=Joint(joint.kind, T_world_joint, pitch),
         q=np.concatenate([[0.0], mean[k:]]),
-        pitch=fit.pitch + float(mean[4]) if fit.kind == "helical" else fit.pitch,
         cov=J @ cov @ J.T,
-        x_joint=T_new_old[:3, :3] @ fit.x_joint + T_new_old[:3, 3:],
+        said={**fit.said, TRACKS: replace(fit.tracks, x_joint=x)},
     )
 
 

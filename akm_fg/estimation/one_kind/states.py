@@ -36,7 +36,7 @@ def states_of_all_frames(
     seen = np.asarray(points.observed.any(axis=1))
     seen[keyframes] = False
     others = np.flatnonzero(seen)
-    if others.size == 0 or fit.T_world_joint is None:
+    if others.size == 0 or fit.joint is None:
         return mean, sd
     tracks = TrackObservations.from_points(points.p_world[others], points.cov_world[others])
     q, information = solved_states(fit, tracks, np.interp(others, keyframes, fit.q), config)
@@ -79,7 +79,7 @@ def state_sd_beside(
     """
     order = np.argsort(fit.q[1:])
     beyond = np.interp(q, fit.q[1:][order], model[order])
-    sd: FloatArray = np.sqrt(fit.cov_factor / information + beyond)
+    sd: FloatArray = np.sqrt(fit.track_variance_ratio / information + beyond)
     return sd
 
 
@@ -89,14 +89,11 @@ def model_variance(fit: KindFit, keyframes: TrackObservations, config: FitConfig
     Frame 0 is left out: its state is zero by definition, without variance.
     """
     _, information = _state_step(fit, keyframes, fit.q, config)
-    return np.maximum(fit.state_sd[1:] ** 2 - fit.cov_factor / information[1:], 0.0)
+    return np.maximum(fit.state_sd[1:] ** 2 - fit.track_variance_ratio / information[1:], 0.0)
 
 
 def _state_step(
     fit: KindFit, tracks: TrackObservations, q: FloatArray, config: FitConfig
 ) -> tuple[FloatArray, FloatArray]:
-    assert fit.T_world_joint is not None
-    scale = fit.scales.track
-    return state_step(
-        fit.kind, fit.T_world_joint, q, fit.x_joint, tracks, config.dof, scale, fit.pitch
-    )
+    said = fit.tracks
+    return state_step(fit.moving, q, said.x_joint, tracks, config.dof, said.scale)

@@ -1,4 +1,4 @@
-"""The gripper's poses in the graphs of all kinds: holds, their variables, what they contribute.
+"""Gripper: where it was while it held the part, by the robot's own joints.
 
 A first fit says where the part was in every frame, and so in which frames the gripper kept its
 place in the part: those are holds, the same for all kinds. Each hold has one grasp, a variable of
@@ -9,18 +9,30 @@ every kind, rigid included.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
 from itertools import pairwise
+from typing import TYPE_CHECKING, ClassVar
 
 import gtsam
 import numpy as np
 from numpy.typing import NDArray
 
-from akm_fg.estimation.config import FitConfig, GraspConfig
-from akm_fg.estimation.given.initial_guess import JointGuess
-from akm_fg.estimation.given.knowledge import GripperPoses
+from akm_fg.estimation.config import GraspConfig
+from akm_fg.estimation.sources.source import (
+    At,
+    Contribution,
+    FirstFit,
+    LateSource,
+    Part,
+    Source,
+    Term,
+    information_of,
+)
+from akm_fg.estimation.steps import Steps
+from akm_fg.geometry.joint_guess import JointGuess
 from akm_fg.records import FloatArray
+from factors.joint_variables import JointVariables
 from factors.measurements.grasp_pose import (
     grasp_log_normaliser,
     grasp_pose_factor,
@@ -29,7 +41,44 @@ from factors.measurements.grasp_pose import (
     typical_grasp,
 )
 
+if TYPE_CHECKING:
+    from akm_fg.estimation.given.problem import FitProblem
+
+GRIPPER = "gripper"
 _LEAST_FRAMES = 2  # one alone says only where it is itself
+
+
+@dataclass(frozen=True, slots=True)
+class GripperPoses(LateSource):
+    """Where the gripper was, in all frames of the input."""
+
+    T_world_gripper: FloatArray  # (T, 4, 4); frames outside the hold are not looked at
+    grasp_frames: tuple[int, int]  # first and last frame in which it holds
+    noise: GraspConfig = field(default_factory=GraspConfig)
+
+    def __post_init__(self) -> None:
+        T, (first, last) = len(self.T_world_gripper), self.grasp_frames
+        if self.T_world_gripper.shape != (T, 4, 4):
+            raise ValueError(f"gripper poses {self.T_world_gripper.shape}, expected (T, 4, 4)")
+        if not 0 <= first <= last < T:
+            raise ValueError(f"grasp_frames {self.grasp_frames} outside 0..{T - 1}")
+
+    def check(self, frames: int) -> None:
+        """Refuse poses of another number of frames.
+
+        Raises:
+            ValueError: they are.
+        """
+        if len(self.T_world_gripper) != frames:
+            raise ValueError(f"{len(self.T_world_gripper)} gripper poses, {frames} frames")
+
+    def found(
+        self, problem: FitProblem, first: FirstFit
+    ) -> Steps[tuple[FitProblem, FirstFit] | None]:
+        """The problem with the holds, judged by the first fit."""
+        yield
+        held = holds_of(self, problem.keyframes, first.guess, first.state_sd, first.shared)
+        return None if held is None else (problem.with_source(held), first)
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,39 +90,31 @@ class Hold:
 
 
 @dataclass(frozen=True, slots=True)
-class GraspObservations:
+class GripperSource(Source):
     """The holds of a graph's frames."""
 
     holds: tuple[Hold, ...]
     noise: GraspConfig
     count_as_one: float  # frames that err together, over observations of the tracks that do
+    name: ClassVar[str] = GRIPPER
 
+    def term(self, guess: JointGuess, part: Part, previous: Contribution | None) -> GripperTerm:
+        """The holds in one kind's graph."""
+        return GripperTerm(self, guess, part.keyframes)
 
-@dataclass(frozen=True, slots=True)
-class GraspFit:
-    """What the holds contribute to one kind's Laplace approximation, counted as in the graph."""
+    def restricted(self, frames: NDArray[np.int_]) -> GripperSource | None:
+        """Over some of the graph's frames."""
+        holds = []
+        for hold in self.holds:
+            kept = np.isin(hold.frames, frames)
+            if kept.sum() >= _LEAST_FRAMES:
+                here = np.searchsorted(frames, hold.frames[kept])
+                holds.append(Hold(here, hold.T_world_gripper[kept]))
+        return replace(self, holds=tuple(holds)) if holds else None
 
-    log_likelihood: float  # normalised Student-t, at the best grasps
-    log_det: float  # of the information on the grasps, all else held
-    variables: int  # six a hold
-    held: FloatArray  # (T - 1,) information on each free state, all else held
-    information: FloatArray  # (d, d) over (joint, pitch, reference, states), grasps marginalised
-    cov_factor: float  # true variances over those of `information`
-
-
-@dataclass(frozen=True, slots=True)
-class GraspVariables:
-    """Keys of what else the holds' factors move."""
-
-    joint: int
-    states: Sequence[int | None]  # (T,) of the graph's frames; None where the state is zero
-    pitch: int | None = None  # of a helical joint
-    reference: int | None = None  # of orientations, where they are seen; no hold's matter
-
-
-def grasp_key(hold: int) -> int:
-    """Key of T_joint_grasp of a hold."""
-    return gtsam.symbol("g", hold)
+    def recounted(self, shared: float) -> GripperSource:
+        """Weighed for tracks of which so many observations count as one."""
+        return replace(self, count_as_one=self.count_as_one / shared)
 
 
 def holds_of(
@@ -82,7 +123,7 @@ def holds_of(
     guess: JointGuess,
     state_sd: FloatArray,
     as_one: float,
-) -> GraspObservations | None:
+) -> GripperSource | None:
     """Where the gripper held, judged by a fit to the camera's data; None where that is nowhere.
 
     Args:
@@ -97,7 +138,7 @@ def holds_of(
     if held.size < _LEAST_FRAMES:
         return None
     poses, noise = gripper.T_world_gripper[keyframes[held]], gripper.noise
-    grasps = grasps_in_joint(guess.kind, guess.T_world_joint, guess.q[held], poses, guess.pitch)
+    grasps = grasps_in_joint(guess.joint, guess.q[held], poses)
     turn, slide = _state_noise(guess, grasps, float(np.median(state_sd[held])))
     starts = hold_starts(
         grasps,
@@ -110,132 +151,92 @@ def holds_of(
         for a, b in pairwise([*starts.tolist(), held.size])
         if b - a >= _LEAST_FRAMES
     )
-    return GraspObservations(holds, noise, noise.frames_as_one / as_one) if holds else None
+    return GripperSource(holds, noise, noise.frames_as_one / as_one) if holds else None
 
 
 def _state_noise(guess: JointGuess, grasps: FloatArray, sd: float) -> tuple[float, float]:
     """What the states' noise adds to the grasps', radians and metres."""
-    if guess.kind == "prismatic":
+    if not guess.kind.turns:
         return 0.0, sd
     lever = float(np.median(np.hypot(grasps[:, 0, 3], grasps[:, 1, 3])))
-    return sd, sd * math.hypot(lever, guess.pitch)
+    return sd, sd * math.hypot(lever, guess.joint.pitch)
 
 
-def insert_grasps(values: gtsam.Values, guess: JointGuess, grasp: GraspObservations) -> None:
-    """The grasps that the frames of each hold agree on under a guess."""
-    for i, hold in enumerate(grasp.holds):
-        each = grasps_in_joint(
-            guess.kind, guess.T_world_joint, guess.q[hold.frames], hold.T_world_gripper, guess.pitch
-        )
-        start = typical_grasp(each, grasp.noise.sigma_rot_rad, grasp.noise.sigma_trans_m)
-        values.insert(grasp_key(i), gtsam.Pose3(start))
+class GripperTerm(Term):
+    """The holds in one kind's graph, each with its grasp."""
 
+    name = GRIPPER
 
-def grasp_factors(
-    kind: str, variables: GraspVariables, grasp: GraspObservations
-) -> gtsam.NonlinearFactorGraph:
-    """One factor a hold; nothing moved: a prismatic joint with no state free."""
-    graph = gtsam.NonlinearFactorGraph()
-    for i, hold in enumerate(grasp.holds):
-        graph.push_back(
+    def __init__(
+        self, source: GripperSource, guess: JointGuess, keyframes: NDArray[np.int_]
+    ) -> None:
+        self._source, self._guess, self._keyframes = source, guess, keyframes
+
+    @property
+    def own(self) -> Mapping[int, int]:
+        """One grasp a hold."""
+        return {_grasp_key(i): 6 for i in range(len(self._source.holds))}
+
+    def insert(self, values: gtsam.Values) -> None:
+        """The grasps that the frames of each hold agree on under the guess."""
+        noise = self._source.noise
+        for i, hold in enumerate(self._source.holds):
+            q = self._guess.q[hold.frames]
+            each = grasps_in_joint(self._guess.joint, q, hold.T_world_gripper)
+            start = typical_grasp(each, noise.sigma_rot_rad, noise.sigma_trans_m)
+            values.insert(_grasp_key(i), gtsam.Pose3(start))
+
+    def factors(self, variables: JointVariables, scale: float) -> list[gtsam.NonlinearFactor]:
+        """One a hold; nothing moved: a prismatic joint with no state free."""
+        noise = self._source.noise
+        return [
             grasp_pose_factor(
-                kind,
-                variables.joint,
-                grasp_key(i),
-                [variables.states[t] for t in hold.frames],
+                variables.kind,
+                variables.joint_key,
+                _grasp_key(i),
+                [variables.state_keys[t] for t in hold.frames],
                 hold.T_world_gripper,
-                grasp.noise.sigma_rot_rad,
-                grasp.noise.sigma_trans_m,
-                grasp.noise.dof,
-                variables.pitch,
-                grasp.count_as_one,
+                noise.sigma_rot_rad,
+                noise.sigma_trans_m,
+                noise.dof,
+                variables.pitch_key,
+                self._source.count_as_one,
             )
+            for i, hold in enumerate(self._source.holds)
+        ]
+
+    def contribution(self, at: At, freedom: float) -> Contribution:
+        """What the holds say, their grasps marginalised."""
+        factors = self.factors(at.variables, 1.0)
+        information, held, own_log_det = information_of(factors, at, self.own)
+        error = sum(factor.error(at.values) for factor in factors)
+        ends = (self._keyframes[hold.frames[[0, -1]]] for hold in self._source.holds)
+        return Contribution(
+            information=information,
+            held=held,
+            log_likelihood=self._log_normaliser() - error,
+            own_variables=sum(self.own.values()),
+            own_log_det=own_log_det,
+            variance_fixed=self._variance_ratio(),
+            report={"holds": tuple((int(first), int(last)) for first, last in ends)},
         )
-    return graph
+
+    def _variance_ratio(self) -> float:
+        """Of the claimed noise: one in `frames_as_one` counts, whatever the graph counts.
+
+        The weighted Gauss-Newton information of p-dimensional Student-t noise is (dof + p + 2) /
+        (dof + p) times the Fisher information (Lange, Little and Taylor, 1989).
+        """
+        noise = self._source.noise
+        return noise.frames_as_one / self._source.count_as_one * (noise.dof + 8) / (noise.dof + 6)
+
+    def _log_normaliser(self) -> float:
+        noise = self._source.noise
+        frames = sum(hold.frames.size for hold in self._source.holds)
+        one = grasp_log_normaliser(frames, noise.sigma_rot_rad, noise.sigma_trans_m, noise.dof)
+        return one / self._source.count_as_one
 
 
-def grasp_fit(
-    kind: str,
-    values: gtsam.Values,
-    variables: GraspVariables,
-    directions: tuple[int, ...],
-    grasp: GraspObservations,
-) -> GraspFit:
-    """What the holds contribute at a kind's solution.
-
-    Args:
-        kind: joint kind.
-        values: the solution.
-        variables: of the kind's graph.
-        directions: tangent indices of T_world_joint that are variables.
-        grasp: the holds.
-    """
-    graph = grasp_factors(kind, variables, grasp)
-    linear, ordering = graph.linearize(values), gtsam.Ordering()
-    ordering.push_back(variables.joint)
-    # What touches no hold (a reference, states of other frames) gets zero rows: it keeps its place.
-    states = [key for key in variables.states if key is not None]
-    beside = [(key, 1) for key in (variables.pitch,) if key is not None]
-    beside += [(key, 3) for key in (variables.reference,) if key is not None]
-    unit = gtsam.noiseModel.Unit.Create(1)
-    for key, dim in [*beside, *((key, 1) for key in states)]:
-        linear.push_back(gtsam.JacobianFactor(key, np.zeros((1, dim)), np.zeros(1), unit))
-        ordering.push_back(key)
-    for i in range(len(grasp.holds)):
-        ordering.push_back(grasp_key(i))
-    H, _ = linear.hessian(ordering)
-    marginal, log_det = without_grasps(H, len(grasp.holds))
-    size = marginal.shape[0]
-    kept = [*directions, *range(6, size)]
-    return GraspFit(
-        log_likelihood=_log_normaliser(grasp) - graph.error(values),
-        log_det=log_det,
-        variables=6 * len(grasp.holds),
-        held=np.diag(H)[size - len(states) : size].copy(),
-        information=marginal[np.ix_(kept, kept)],
-        cov_factor=_cov_factor(grasp),
-    )
-
-
-def rigid_grasp_fit(grasp: GraspObservations, config: FitConfig) -> GraspFit:
-    """What the holds say if nothing moved: every hold's best pose."""
-    frames = 1 + max(int(hold.frames.max()) for hold in grasp.holds)
-    variables = GraspVariables(gtsam.symbol("j", 0), [None] * frames)
-    values = gtsam.Values()
-    values.insert(variables.joint, gtsam.Pose3())
-    insert_grasps(values, JointGuess("prismatic", np.eye(4), np.zeros(frames)), grasp)
-    graph = grasp_factors("prismatic", variables, grasp)
-    # Joint and grasps move the same poses: the joint is held, which costs nothing.
-    held = gtsam.noiseModel.Unit.Create(6)
-    graph.push_back(gtsam.PriorFactorPose3(variables.joint, gtsam.Pose3(), held))
-    parameters = gtsam.LevenbergMarquardtParams()
-    parameters.setMaxIterations(config.rough_iterations)
-    parameters.setRelativeErrorTol(0.0)
-    parameters.setAbsoluteErrorTol(config.cost_tolerance)
-    values = gtsam.LevenbergMarquardtOptimizer(graph, values, parameters).optimize()
-    return grasp_fit("prismatic", values, variables, (), grasp)
-
-
-def without_grasps(information: FloatArray, holds: int) -> tuple[FloatArray, float]:
-    """The information with its last variables, the grasps, marginalised, and their log det."""
-    size = information.shape[0] - 6 * holds
-    own, cross = information[size:, size:], information[:size, size:]
-    marginal = information[:size, :size] - cross @ np.linalg.solve(own, cross.T)
-    return (marginal + marginal.T) / 2, float(np.linalg.slogdet(own)[1])
-
-
-def _cov_factor(grasp: GraspObservations) -> float:
-    """Of the claimed noise: one in `frames_as_one` counts, whatever the graph counts.
-
-    The weighted Gauss-Newton information of p-dimensional Student-t noise is (dof + p + 2) /
-    (dof + p) times the Fisher information (Lange, Little and Taylor, 1989).
-    """
-    noise = grasp.noise
-    return noise.frames_as_one / grasp.count_as_one * (noise.dof + 8) / (noise.dof + 6)
-
-
-def _log_normaliser(grasp: GraspObservations) -> float:
-    noise = grasp.noise
-    frames = sum(hold.frames.size for hold in grasp.holds)
-    one = grasp_log_normaliser(frames, noise.sigma_rot_rad, noise.sigma_trans_m, noise.dof)
-    return one / grasp.count_as_one
+def _grasp_key(hold: int) -> int:
+    """Key of T_joint_grasp of a hold."""
+    return int(gtsam.symbol("g", hold))

@@ -66,7 +66,7 @@ class Comparison:
             if kind.states is None:
                 continue
             sd = kind.states.sd.copy()
-            own = _own_variance(fit, problem.observations.tracks, problem.config.dof)
+            own = _own_variance(fit, problem.tracks.observations, problem.config.dof)
             sd[problem.keyframes] = np.sqrt(sd[problem.keyframes] ** 2 + (self.counts - 1) * own)
             states = replace(kind.states, sd=sd)
             alternatives[fit.kind] = KindPosterior(kind.joint, states, kind.evidence)
@@ -90,7 +90,8 @@ def compare_kinds(snapshot: Snapshot, settings: StreamSettings) -> Steps[Compari
     tracks, config = snapshot.tracks.select(usable), settings.config
     problem = problem_of_tracks(settings.name, tracks, settings.noise_known, settings.seed, config)
     yield
-    problem = replace(problem, systematic_m=settings.systematic_m)
+    source = replace(problem.tracks, systematic_m=settings.systematic_m)
+    problem = problem.with_source(source)
     fitted = yield from fit_in_steps(problem, began)
     assert problem.members is not None
     k = problem.keyframes
@@ -105,9 +106,6 @@ def compare_kinds(snapshot: Snapshot, settings: StreamSettings) -> Steps[Compari
 
 def _own_variance(fit: KindFit, tracks: TrackObservations, dof: float) -> FloatArray:
     """Variance (K,) that the keyframes' own noise gives their states, by the graph."""
-    assert fit.T_world_joint is not None
-    scale = fit.scales.track
-    _, information = state_step(
-        fit.kind, fit.T_world_joint, fit.q, fit.x_joint, tracks, dof, scale, fit.pitch
-    )
-    return fit.cov_factor / information
+    said = fit.tracks
+    _, information = state_step(fit.moving, fit.q, said.x_joint, tracks, dof, said.scale)
+    return fit.track_variance_ratio / information

@@ -7,20 +7,16 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from akm_fg.estimation.between_kinds.all_kinds import graph_problem
-from akm_fg.estimation.between_kinds.evidence import temper
-from akm_fg.estimation.between_kinds.weighed_kinds import pointing_forward
-from akm_fg.estimation.given.initial_guess import JointGuess
 from akm_fg.estimation.given.problem import FitProblem
-from akm_fg.estimation.one_kind.joint_graph import GraphProblem
 from akm_fg.estimation.one_kind.kind_fit import fit_kind
 from akm_fg.estimation.one_kind.laplace import KindFit
 from akm_fg.estimation.one_kind.states import model_variance, solved_states, state_sd_beside
+from akm_fg.estimation.sources.tracks import TRACKS
 from akm_fg.estimation.stream.keyframes import Keyframes, StreamFrame
 from akm_fg.estimation.stream.kind_comparison import Comparison
+from akm_fg.geometry.joint_guess import JointGuess
 from akm_fg.geometry.rigid_motion import MIN_POINTS
 from akm_fg.records import FloatArray
-from factors.joint_motion import part_motion
 from factors.measurements.track_cost import TrackObservations
 
 
@@ -40,28 +36,22 @@ class LeadingKind:
         fitted = comparison.fitted
         probability = fitted.posterior.kind_probability
         fit = max(fitted.fits, key=lambda fit: probability[fit.kind])
-        if fit.T_world_joint is None:
+        if fit.joint is None:
             return None
         return _of_fit(fit, fitted.problem, comparison.ids, comparison.numbers)
 
     @property
-    def T_world_joint(self) -> FloatArray:
-        """(4, 4)."""
-        assert self.fit.T_world_joint is not None
-        return self.fit.T_world_joint
-
-    @property
     def lever_m(self) -> float:
         """Root mean square way of its points for a unit of the state."""
-        if self.fit.kind == "prismatic":
+        joint, x = self.fit.moving, self.fit.tracks.x_joint
+        if not joint.kind.turns:
             return 1.0
-        x = self.fit.x_joint
-        return float(np.sqrt((x[0] ** 2 + x[1] ** 2).mean() + self.fit.pitch**2))
+        return float(np.sqrt((x[0] ** 2 + x[1] ** 2).mean() + joint.pitch**2))
 
     @property
     def scale(self) -> float:
         """Noise over its claimed standard deviation."""
-        return self.fit.scales.track
+        return self.fit.tracks.scale
 
     def state(
         self, frame: StreamFrame, ids: NDArray[np.int_], start: float
@@ -74,7 +64,7 @@ class LeadingKind:
             return None
         tracks = TrackObservations.from_points(p[None], cov[None])
         config = self.problem.config
-        here = replace(self.fit, x_joint=self.fit.x_joint[:, kept])
+        here = _of_columns(self.fit, kept)
         q, information = solved_states(here, tracks, np.array([start]), config)
         sd = state_sd_beside(self.fit, q, information, self.model_variance)
         return float(q[0]), float(sd[0])
@@ -82,7 +72,7 @@ class LeadingKind:
     def motion(self, q_from: float, q_to: float) -> tuple[FloatArray, FloatArray]:
         """Takes points of the part from one state to another: R (3, 3), t (3,)."""
         q = np.array([q_from, q_to])
-        R, t = part_motion(self.fit.kind, self.T_world_joint, q, self.fit.pitch)
+        R, t = self.fit.moving.motion(q)
         turn = R[1] @ R[0].T
         return turn, t[1] - turn @ t[0]
 
@@ -108,15 +98,12 @@ class LeadingKind:
         p = tracks.p_world[usable][:, columns[kept]]
         cov = tracks.cov_world[usable][:, columns[kept]]
         observations = TrackObservations.from_points(p, cov)
-        problem = replace(
-            self.problem, observations=replace(self.problem.observations, tracks=observations)
-        )
-        graph = _graph(problem, kept)
+        source = replace(self.problem.tracks, observations=observations, x_world=None)
+        problem = replace(self.problem, keyframes=numbers[usable]).with_source(source)
         q = np.array([states[number] for number in numbers[usable]])
-        guess = JointGuess(self.fit.kind, self.T_world_joint, q - q[0], self.fit.pitch)
-        previous = replace(self.fit, x_joint=self.fit.x_joint[:, kept])
-        fit = temper(fit_kind(guess, graph, previous), self.fit.tau, problem)
-        return _of_fit(pointing_forward(fit), problem, self.ids[kept], numbers[usable])
+        guess = JointGuess(self.fit.moving, q - q[0])
+        fit = fit_kind(guess, problem, _of_columns(self.fit, kept)).tempered(self.fit.tau)
+        return _of_fit(fit.pointing_forward(), problem, self.ids[kept], numbers[usable])
 
     def states(self, keyframes: Keyframes, ids: NDArray[np.int_]) -> dict[int, float]:
         """States of all keyframes that see the part, by number."""
@@ -136,14 +123,14 @@ class LeadingKind:
 def _of_fit(
     fit: KindFit, problem: FitProblem, ids: NDArray[np.int_], numbers: NDArray[np.int_]
 ) -> LeadingKind:
-    model = model_variance(fit, problem.observations.tracks, problem.config)
+    model = model_variance(fit, problem.tracks.observations, problem.config)
     return LeadingKind(fit, problem, ids, numbers, model)
 
 
-def _graph(problem: FitProblem, kept: NDArray[np.bool_]) -> GraphProblem:
-    graph = graph_problem(problem)
-    x = graph.x_world
-    return replace(graph, x_world=None if x is None or x.shape[1] != kept.size else x[:, kept])
+def _of_columns(fit: KindFit, kept: NDArray[np.bool_]) -> KindFit:
+    """The fit with the latent points of some of its tracks."""
+    tracks = replace(fit.tracks, x_joint=fit.tracks.x_joint[:, kept])
+    return replace(fit, said={**fit.said, TRACKS: tracks})
 
 
 def _columns(wanted: NDArray[np.int_], ids: NDArray[np.int_]) -> NDArray[np.int_]:

@@ -15,7 +15,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from akm_fg.estimation.given.initial_guess import JointGuess
+from akm_fg.geometry.joint_guess import JointGuess
 from akm_fg.perception.change.depth_change import (
     DepthChange,
     DepthChangeConfig,
@@ -28,7 +28,7 @@ from akm_fg.perception.change.face_joints import FaceJointConfig, FaceStart, sta
 from akm_fg.perception.change.face_planes import FaceConfig, face_planes
 from akm_fg.perception.depth.depth_noise import DepthNoiseModel
 from akm_fg.records import BoolArray, FloatArray, Recording
-from factors.joint_motion import motion_jacobians, part_motion, skew
+from factors.joint import skew
 from factors.student_t import weight
 
 
@@ -89,7 +89,7 @@ def depth_motion(
     found = []
     for start in starts_from_faces(faces, len(change.frames), config.joint):
         guess, known = _with_states(start, change, config)
-        R, t = part_motion(guess.kind, guess.T_world_joint, guess.q)
+        R, t = guess.joint.motion(guess.q)
         found.append((explained_share(change, R, t, every), guess, known))
     found.sort(key=lambda f: -np.nan_to_num(f[0], nan=-1.0))
     shares, guesses, known_frames = zip(*found, strict=True)
@@ -151,8 +151,8 @@ def _states(
     """
     joint, seen = start.guess, np.zeros(q.size, dtype=int)
     for gate_m in config.gates_m:
-        R, t = part_motion(joint.kind, joint.T_world_joint, q)
-        twist = motion_jacobians(joint.kind, joint.T_world_joint, q)[1]
+        R, t = joint.joint.motion(q)
+        twist = joint.joint.motion_jacobians(q)[1]
         Rt = R.transpose(0, 2, 1)
         x, n = start.p_world @ Rt + t[:, None], start.normal_world @ Rt
         e, sigma = _off_face(x, n, depth_m, change, config)

@@ -16,10 +16,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from akm_fg.estimation.given.initial_guess import JointGuess, joint_frame
+from akm_fg.geometry.joint_guess import JointGuess, joint_frame
 from akm_fg.perception.change.face_planes import FacePlanes
 from akm_fg.records import BoolArray, FloatArray
-from factors.joint_motion import motion_jacobians, part_motion
+from factors.joint import Joint, JointKind
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,7 +48,7 @@ class FaceStart:
     def metres_per_state(self) -> float:
         """How far the face's middle moves along its normal with the state."""
         joint, x = self.guess, self.p_world.mean(axis=0)
-        twist = motion_jacobians(joint.kind, joint.T_world_joint, np.zeros(1))[1][0]
+        twist = joint.joint.motion_jacobians(np.zeros(1))[1][0]
         velocity = np.cross(twist[:3], x) + twist[3:]
         return float(velocity @ self.normal_world.mean(axis=0))
 
@@ -67,19 +67,21 @@ def starts_from_faces(faces: FacePlanes, count: int, config: FaceJointConfig) ->
     hinge = _hinge(faces, config)
     if hinge is not None:
         axis, pivot, used = hinge
-        starts.append(_start("revolute", axis, pivot, _turns(faces, axis), used, faces, count))
+        starts.append(
+            _start(JointKind.REVOLUTE, axis, pivot, _turns(faces, axis), used, faces, count)
+        )
     if hinge is None or parallel.any():
         used = parallel if parallel.any() else cosine == cosine.max()
         travel = faces.centre @ faces.normal_0 - faces.offset_0
         sign = 1.0 if travel[used].sum() >= 0 else -1.0
         centre = faces.centre[used].mean(axis=0)
         axis = sign * faces.normal_0
-        starts.append(_start("prismatic", axis, centre, sign * travel, used, faces, count))
+        starts.append(_start(JointKind.PRISMATIC, axis, centre, sign * travel, used, faces, count))
     return starts
 
 
 def _start(
-    kind: str,
+    kind: JointKind,
     axis: FloatArray,
     origin: FloatArray,
     q: FloatArray,
@@ -89,12 +91,12 @@ def _start(
 ) -> FaceStart:
     """A guess from states (K,) of the used planes, and the face's points in frame 0."""
     frames = np.concatenate([[0], np.array(faces.frames)[used]])
-    T_world_joint = joint_frame(axis, origin)
-    R, t = part_motion(kind, T_world_joint, q)
+    joint = Joint(kind, joint_frame(axis, origin), 0.0)
+    R, t = joint.motion(q)
     x = [(faces.p_world[k] - t[k]) @ R[k] for k in np.flatnonzero(used)]
     n = [np.tile(faces.normal[k] @ R[k], (len(faces.p_world[k]), 1)) for k in np.flatnonzero(used)]
     every = np.interp(np.arange(count), frames, np.concatenate([[0.0], q[used]]))
-    guess = JointGuess(kind, T_world_joint, every)
+    guess = JointGuess(joint, every)
     return FaceStart(guess, np.concatenate(x), np.concatenate(n))
 
 

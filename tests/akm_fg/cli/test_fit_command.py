@@ -11,14 +11,14 @@ import pytest
 from akm_fg.cli.main import main
 from akm_fg.io.recording import write_recording
 from akm_fg.records import PinholeCamera, Recording, RgbdFrame
-from factors.joint_motion import part_motion
+from factors.joint import Joint
 
 
 def _drawer_points(frames=8, points=12, travel_m=0.15, noise_m=0.001, seed=0):
     rng = np.random.default_rng(seed)
     shape = rng.uniform(-0.2, 0.2, (points, 3))
     q = np.linspace(0, travel_m, frames)
-    R, t = part_motion("prismatic", np.eye(4), q)
+    R, t = Joint("prismatic", np.eye(4), 0.0).motion(q)
     return (
         np.einsum("tij,nj->tni", R, shape)
         + t[:, None]

@@ -6,27 +6,7 @@ import numpy as np
 import pytest
 
 from akm_fg.records import PinholeCamera
-from experiments.trials.openings import make_opening, score_opening
-from factors.joint_motion import part_motion
 from factors.measurements.dense_registration import PatchObservations
-
-
-@pytest.fixture(scope="session")
-def opening():
-    """Factory: opening(seed, kind, travel, ...)."""
-    return make_opening
-
-
-@pytest.fixture(scope="session")
-def score():
-    """score(posterior, opening)."""
-    return score_opening
-
-
-@pytest.fixture(params=["revolute", "prismatic"])
-def kind(request):
-    return request.param
-
 
 CAMERA = PinholeCamera(640, 480, 600.0, 600.0, 319.5, 239.5)
 
@@ -102,7 +82,7 @@ def surface_of():
         T_world_cam = np.eye(4)  # before the front, towards two corners
         T_world_cam[:3, :3] = span.T * np.linalg.det(span)
         T_world_cam[:3, 3] = x.mean(axis=0) - T_world_cam[:3, :3] @ [0.7, 0.7, 1.2]
-        R, t = part_motion(truth.kind, truth.T_world_joint, truth.q)
+        R, t = truth.joint.motion(truth.q)
         noise = (sigma_m if noise_m is None else noise_m) * rng.normal(size=(truth.q.size, patches))
         if block_px:
             uv = CAMERA.project((x - T_world_cam[:3, 3]) @ T_world_cam[:3, :3])

@@ -1,6 +1,6 @@
 """Screws: named where the part climbs as it turns, and only there."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import gtsam
 import numpy as np
@@ -8,7 +8,6 @@ import pytest
 from numpy.testing import assert_allclose
 from scipy import stats
 
-from akm_fg.estimation.between_kinds.all_kinds import graph_problem
 from akm_fg.estimation.between_kinds.starts import starts_of_part
 from akm_fg.estimation.config import FitConfig
 from akm_fg.estimation.fit import fit_tracks
@@ -105,13 +104,14 @@ def test_starts_tell_a_screw_from_the_hinge_it_contains(opening):
 def test_without_effort_a_fit_stays_at_its_start_and_finds_its_noise_alone(kind, opening):
     problem = _problem(opening(0, "revolute").tracks)
     start = next(s.guess for s in starts_of_part(problem, problem.motions) if s.guess.kind == kind)
-    graph = graph_problem(problem)
-    still = fit_kind(start, graph, effort="none")
-    full = fit_kind(start, graph, effort="full")
-    assert_allclose(still.T_world_joint, start.T_world_joint, atol=1e-12)
+    still = fit_kind(start, problem, effort="none")
+    full = fit_kind(start, problem, effort="full")
+    if start.q.mean() < 0:  # states are counted as they grow
+        start = start.turned()
+    assert_allclose(still.joint.T_world_joint, start.joint.T_world_joint, atol=1e-12)
     assert_allclose(still.q, start.q, atol=1e-12)
-    assert still.pitch == start.pitch
-    assert_allclose(still.scales.track, full.scales.track, rtol=0.15)
+    assert still.joint.pitch == start.joint.pitch
+    assert_allclose(still.tracks.scale, full.tracks.scale, rtol=0.15)
     assert still.log_evidence < full.log_evidence + 0.5
     if kind != "prismatic":  # a kind that fits starts at its end
         assert_allclose(still.log_evidence, full.log_evidence, atol=1.0)
@@ -122,11 +122,11 @@ def test_a_full_fit_moves_to_the_optimum_from_where_no_effort_stays():
     start = next(
         s.guess for s in starts_of_part(problem, problem.motions) if s.guess.kind == "helical"
     )
-    off = type(start)(start.kind, start.T_world_joint, start.q, start.pitch + 0.01)
-    graph = graph_problem(problem)
-    still, full = (fit_kind(off, graph, effort=effort) for effort in ("none", "full"))
-    assert still.pitch == off.pitch
-    assert_allclose(full.pitch, start.pitch, atol=full.pitch_sd / 3)
+    pitch = start.joint.pitch
+    off = replace(start, joint=replace(start.joint, pitch=pitch + 0.01))
+    still, full = (fit_kind(off, problem, effort=effort) for effort in ("none", "full"))
+    assert still.joint.pitch == off.joint.pitch
+    assert_allclose(full.joint.pitch, pitch, atol=full.pitch_sd / 3)
     assert full.log_evidence > still.log_evidence + 10
 
 

@@ -9,6 +9,7 @@ import numpy as np
 from experiments.trials.openings import make_opening
 from experiments.trials.panel_camera import PanelCamera
 from akm_fg.estimation.fit import fit_tracks
+from akm_fg.estimation.given.surface_registration import SurfaceToRegister
 
 def resident_kb():
     with open("/proc/self/statm") as stream:
@@ -17,8 +18,8 @@ def resident_kb():
 def fit(seed):
     kind = ("revolute", "prismatic")[seed % 2]
     opening = make_opening(seed, kind, points=30, frames=12)
-    surface = PanelCamera(opening, seed) if seed % 10 == 0 else None
-    assert fit_tracks(opening.tracks, surface=surface).kind == kind
+    sources = [SurfaceToRegister(PanelCamera(opening, seed))] if seed % 10 == 0 else []
+    assert fit_tracks(opening.tracks, sources=sources).kind == kind
 
 def grown_kb(seeds):
     before = resident_kb()

@@ -8,11 +8,12 @@ from numpy.testing import assert_allclose
 from akm_fg.errors import MotionInfeasible
 from akm_fg.planning.opening_path import HandLimits, plan_opening
 from akm_fg.posterior import JointPosterior
+from factors.joint import Joint
 
 
 def _joint(kind, T_world_joint=None):
     T = np.eye(4) if T_world_joint is None else T_world_joint
-    return JointPosterior(kind, T, np.zeros((6, 6)), ())
+    return JointPosterior(Joint(kind, T, 0.0), np.zeros((6, 6)))
 
 
 def test_a_quarter_turn_about_z_takes_the_hand_from_x_to_y_and_turns_it():
@@ -31,6 +32,25 @@ def test_a_drawer_moves_the_hand_along_the_axis_and_does_not_turn_it():
     assert_allclose(
         path.T_world_gripper[-1].rotation().matrix(), hand.rotation().matrix(), atol=1e-9
     )
+
+
+def test_a_screw_turns_the_hand_by_a_radian_and_lifts_it_by_its_pitch():
+    """Pitch 0.1 m/rad, one radian: 0.1 m up the axis; the hand at (0.5, 0, 0.2) goes round it."""
+    screw = JointPosterior(Joint("helical", np.eye(4), 0.1), np.zeros((6, 6)), 0.001)
+    hand = gtsam.Pose3(gtsam.Rot3(), np.array([0.5, 0.0, 0.2]))
+    path = plan_opening(screw, hand, 0.4, 1.4)
+    last = path.T_world_gripper[-1]
+    assert_allclose(last.translation(), [0.5 * np.cos(1), 0.5 * np.sin(1), 0.3], atol=1e-6)
+    assert_allclose(last.rotation().matrix(), gtsam.Rot3.Rz(1.0).matrix(), atol=1e-6)
+
+
+def test_a_screw_of_large_pitch_keeps_the_hands_speed():
+    """On its axis a hand only climbs: half a metre a radian, at most 0.1 m/s."""
+    screw = JointPosterior(Joint("helical", np.eye(4), 0.5), np.zeros((6, 6)), 0.001)
+    path = plan_opening(screw, gtsam.Pose3(), 0.0, 2.0)
+    z = np.array([pose.translation()[2] for pose in path.T_world_gripper])
+    speed = np.diff(z) / np.diff(path.stamps_s)
+    assert_allclose(speed.max(), HandLimits().speed_m_s, rtol=0.02)
 
 
 @pytest.mark.parametrize("kind", ["prismatic", "revolute"])

@@ -20,6 +20,7 @@ from akm_fg.posterior import (
 )
 from akm_fg.records import JointTruth, PinholeCamera, PixelTracks, Recording, RgbdFrame
 from akm_fg.report.summary import Goal, PartTracks, RoundSummary, RunSummary
+from factors.joint import Joint
 
 CAMERA = PinholeCamera(320, 240, 300.0, 300.0, 159.5, 119.5)
 HINGE = np.array([0.0, -0.2, 0.0])  # the front is the plane x = 0, seen from x < 0; z is up
@@ -108,11 +109,11 @@ def joint_posterior(kind: str, axis_sd: float = 0.01, pivot_sd: float = 0.004) -
     if kind == "prismatic":  # z of the joint along -x of the world
         T[:3, :3] = [[0, 0, -1], [0, 1, 0], [1, 0, 0]]
         cov = np.diag([axis_sd**2, axis_sd**2, 0, 0, 0, 0])
-        return JointPosterior("prismatic", T, cov, ("wz", "vx", "vy", "vz"))
+        return JointPosterior(Joint("prismatic", T, 0.0), cov)
     T[:3, :3] = gtsam.Rot3.Rx(0.01).matrix()
     T[:3, 3] = HINGE + np.array([0.003, -0.002, 0])
     cov = np.diag([axis_sd**2, axis_sd**2, 0, pivot_sd**2, pivot_sd**2, 0])
-    return JointPosterior("revolute", T, cov, ("wz", "vz"))
+    return JointPosterior(Joint("revolute", T, 0.0), cov)
 
 
 def _unit(kind: str) -> str:

@@ -4,6 +4,7 @@ import numpy as np
 from akm_fg.posterior import JointPosterior
 from akm_fg.records import PinholeCamera
 from akm_fg.report.axis_image import ELLIPSE_SIGMAS, axis_of_joint, project_axis
+from factors.joint import Joint
 
 CAMERA = PinholeCamera(200, 100, 100.0, 100.0, 100.0, 50.0)
 AT_ORIGIN = gtsam.Pose3()
@@ -79,7 +80,7 @@ def test_an_axis_seen_end_on_has_no_side():
 
 
 def test_the_arrow_of_a_drawer_moves_with_its_state():
-    joint = JointPosterior("prismatic", ALONG_X, np.eye(6) * 1e-4, ("wz", "vx", "vy", "vz"))
+    joint = JointPosterior(Joint("prismatic", ALONG_X, 0.0), np.eye(6) * 1e-4)
     axis = axis_of_joint(joint, 0.4, CAMERA, AT_ORIGIN, 0.2, n=3)
     np.testing.assert_allclose(axis.uv[:, 0], [120, 125, 130])
     assert axis.half_width_px[0] == 0 < axis.half_width_px[-1]

@@ -7,7 +7,7 @@ from experiments.baselines.coarse import coarse_alternatives, coarse_estimate  #
 from experiments.baselines.config import CoarseConfig  # noqa: E402
 from experiments.baselines.kinematics import joint_motion  # noqa: E402
 from experiments.trials.openings import make_opening  # noqa: E402
-from factors.joint_motion import joint_displacement  # noqa: E402
+from factors.joint import Joint  # noqa: E402
 
 FEW = CoarseConfig(starts=30)
 
@@ -20,7 +20,7 @@ def _pivot_error_m(estimate, opening):
 def test_the_motion_is_that_of_the_factors(kind):
     opening = make_opening(0, kind)
     T, q = opening.T_world_joint, np.array([0.0, 0.4, -1.0, 3.1])
-    R_joint, t_joint = joint_displacement(kind, q)
+    R_joint, t_joint = Joint(kind, np.eye(4), 0.0).displacement(q)
     R = T[:3, :3] @ R_joint @ T[:3, :3].T
     t = t_joint @ T[:3, :3].T + T[:3, 3] - R @ T[:3, 3]
     double = [torch.tensor(v, dtype=torch.float64) for v in (7 * T[:3, 2], T[:3, 3], q)]

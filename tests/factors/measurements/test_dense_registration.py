@@ -10,7 +10,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 from factors.finite_differences import analytic_gradient, central_difference, numeric_gradient
-from factors.joint_motion import part_motion, unit_twist
+from factors.joint import Joint
 from factors.measurements.dense_registration import (
     PatchObservations,
     dense_cost,
@@ -38,11 +38,13 @@ class Surface:
 
     def cost(self, T_world_joint, q, dof, scale=1.0, pitch=None):
         pitch = self.pitch if pitch is None else pitch
-        R, t = part_motion(self.kind, T_world_joint, q, pitch)
+        R, t = Joint(self.kind, T_world_joint, pitch).motion(q)
         return dense_cost(R, t, self.patches, dof, scale)
 
     def normal_equations(self, T_world_joint, q, cost):
-        return dense_normal_equations(self.kind, T_world_joint, q, cost, self.patches, self.pitch)
+        return dense_normal_equations(
+            Joint(self.kind, T_world_joint, self.pitch), q, cost, self.patches
+        )
 
 
 @pytest.fixture
@@ -57,7 +59,7 @@ def surface(scene):
         across = slide_m * rng.normal(size=(4, 3, patches))
         across -= n * np.einsum("as,kas->ks", n, across)[:, None]
         noise = sigma * SIGMA_M * rng.normal(size=(4, 1, patches)) * n
-        R, t = part_motion(kind, s.T_world_joint, s.q, s.pitch)
+        R, t = s.joint.motion(s.q)
         p = R @ (x + across + noise) + t[:, :, None]
         precision = rng.uniform(0.5, 2.0, (4, patches)) / SIGMA_M**2
         if gaps:
@@ -110,7 +112,7 @@ def _dense(s, T_world_joint, q, m, weights):
 
     def residual(delta):
         joint = gtsam.Pose3(T_world_joint).compose(gtsam.Pose3.Expmap(delta[:6]))
-        twist = unit_twist(s.kind, s.pitch + (delta[6 + K] if helical else 0.0))
+        twist = Joint(s.kind, np.eye(4), s.pitch + (delta[6 + K] if helical else 0.0)).unit_twist
         e = np.zeros((K, S))
         for k in range(K):
             move = joint * gtsam.Pose3.Expmap((q[k] + delta[6 + k]) * twist) * joint.inverse()
@@ -129,7 +131,7 @@ def _dense(s, T_world_joint, q, m, weights):
 
 def _places(s, T_world_joint, q, dof, scale):
     """Robust places (S,) along the normals and weights (K, S), iterated to the end."""
-    R, t = part_motion(s.kind, T_world_joint, q, s.pitch)
+    R, t = Joint(s.kind, T_world_joint, s.pitch).motion(q)
     back = np.einsum("kji,kjs->kis", R, s.patches.p_world - t[:, :, None])
     along = np.einsum("as,kas->ks", s.patches.normal_world, back)
     precision = s.patches.precision / scale**2

@@ -6,7 +6,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 from factors.finite_differences import analytic_gradient, central_difference, numeric_gradient
-from factors.joint_motion import unit_twist
+from factors.joint import Joint
 from factors.measurements.grasp_pose import (
     grasp_log_normaliser,
     grasp_pose_factor,
@@ -62,7 +62,7 @@ def _measured(kind, q, size=0.0, seed=0, joint=None, grasp=T_JOINT_GRASP):
     """Gripper poses (T, 4, 4) by GTSAM's own group operations, each off by `size` radians (and
     as many decimetres)."""
     rng = np.random.default_rng(seed)
-    twist = unit_twist(kind, _pitch(kind))
+    twist = Joint(kind, np.eye(4), _pitch(kind)).unit_twist
     out = []
     for state in q:
         pose = (joint or _joint()) * gtsam.Pose3.Expmap(state * twist) * grasp
@@ -106,11 +106,11 @@ def test_jacobians_match_differences(kind, case, size):
             h, state = pitch + d[13], q + d[12]
         else:
             h, state = 0.0, q + d[12]
-        e, *_ = grasp_pose_residual(kind, T_world_joint, state, T_joint_grasp, measured, h)
+        e, *_ = grasp_pose_residual(Joint(kind, T_world_joint, h), state, T_joint_grasp, measured)
         return e.ravel()
 
     _, J_joint, J_grasp, J_q, J_pitch = grasp_pose_residual(
-        kind, joint.matrix(), q, T_JOINT_GRASP.matrix(), measured, pitch
+        Joint(kind, joint.matrix(), pitch), q, T_JOINT_GRASP.matrix(), measured
     )
     numeric = central_difference(moved, np.zeros(14)).reshape(q.size, 6, 14)
     assert_allclose(J_joint, numeric[:, :, :6], atol=2e-6)
@@ -135,7 +135,7 @@ def test_factor_keeps_information_and_cost_of_the_stacked_frames(kind):
     q = STATES["generic"]
     measured = _measured(kind, q, 0.02)
     e, J_joint, J_grasp, J_q, J_pitch = grasp_pose_residual(
-        kind, _joint().matrix(), q, T_JOINT_GRASP.matrix(), measured, _pitch(kind)
+        Joint(kind, _joint().matrix(), _pitch(kind)), q, T_JOINT_GRASP.matrix(), measured
     )
     sigmas = np.repeat([SIGMA_ROT, SIGMA_TRANS], 3)
     states = np.zeros((q.size, 6, q.size))
@@ -157,7 +157,7 @@ def test_factor_keeps_information_and_cost_of_the_stacked_frames(kind):
 def test_error_vanishes_at_the_truth(kind, q):
     measured = _measured(kind, q)
     e, *_ = grasp_pose_residual(
-        kind, _joint().matrix(), q, T_JOINT_GRASP.matrix(), measured, _pitch(kind)
+        Joint(kind, _joint().matrix(), _pitch(kind)), q, T_JOINT_GRASP.matrix(), measured
     )
     assert_allclose(e, 0.0, atol=1e-12)
     assert_allclose(_factor(kind, q, measured).error(_values(kind, q)), 0.0, atol=1e-12)
@@ -166,20 +166,22 @@ def test_error_vanishes_at_the_truth(kind, q):
 def test_door_opened_by_a_quarter_turn_takes_the_hand_from_x_to_y():
     """Hand at (1, 0, 0) of a hinge at the origin; modelled open by 90 deg, seen shut."""
     hand = gtsam.Pose3(gtsam.Rot3(), np.array([1.0, 0.0, 0.0])).matrix()
-    e, *_ = grasp_pose_residual("revolute", np.eye(4), np.array([np.pi / 2]), hand, hand[None])
+    e, *_ = grasp_pose_residual(
+        Joint("revolute", np.eye(4), 0.0), np.array([np.pi / 2]), hand, hand[None]
+    )
     assert_allclose(e[0], [0.0, 0.0, np.pi / 2, -1.0, 1.0, 0.0], atol=1e-12)
 
 
 def test_screw_of_a_quarter_metre_a_radian_lifts_the_hand_by_an_eighth_in_half_a_radian():
     seen = gtsam.Pose3(gtsam.Rot3.Rz(0.5), np.zeros(3)).matrix()
     e, *_ = grasp_pose_residual(
-        "helical", np.eye(4), np.array([0.5]), np.eye(4), seen[None], pitch=0.25
+        Joint("helical", np.eye(4), 0.25), np.array([0.5]), np.eye(4), seen[None]
     )
     assert_allclose(e[0], [0.0, 0.0, 0.0, 0.0, 0.0, 0.125], atol=1e-12)
 
 
 def test_each_frame_alone_gives_the_grasp_back(kind, q):
-    grasps = grasps_in_joint(kind, _joint().matrix(), q, _measured(kind, q), _pitch(kind))
+    grasps = grasps_in_joint(Joint(kind, _joint().matrix(), _pitch(kind)), q, _measured(kind, q))
     assert_allclose(grasps, np.tile(T_JOINT_GRASP.matrix(), (q.size, 1, 1)), atol=1e-12)
 
 

@@ -37,11 +37,11 @@ def test_isotropic_covariances_are_kept_as_one_number_and_others_as_six(pair):
 def test_cost_and_normal_equations_are_the_same_in_both_forms(pair):
     s, *forms = pair
     q = s.q + np.array([0.0, 0.002, -0.003, 0.001])
-    costs = [track_cost(s.kind, s.T_world_joint, q, t, DOF, 1.2, pitch=s.pitch) for t in forms]
+    costs = [track_cost(s.joint, q, t, DOF, 1.2) for t in forms]
     assert_allclose(costs[0].twice_cost, costs[1].twice_cost, rtol=1e-9)
     assert_allclose(costs[0].d2, costs[1].d2, rtol=1e-8, atol=1e-9)
     assert_allclose(costs[0].log_det_latent, costs[1].log_det_latent, rtol=1e-9)
-    (H1, g1), (H6, g6) = (track_normal_equations(s.kind, q, cost, s.pitch) for cost in costs)
+    (H1, g1), (H6, g6) = (track_normal_equations(s.joint, q, cost) for cost in costs)
     assert_allclose(H1, H6, atol=1e-10 * H6.max())
     assert_allclose(g1, g6, atol=1e-9 * np.abs(g6).max())
 
@@ -49,14 +49,9 @@ def test_cost_and_normal_equations_are_the_same_in_both_forms(pair):
 def test_states_alone_are_the_same_in_both_forms(pair):
     s, *forms = pair
     q, x = s.q + 1e-3, s.x_joint.T
-    steps = [state_step(s.kind, s.T_world_joint, q, x, t, DOF, 1.2, s.pitch) for t in forms]
+    steps = [state_step(s.joint, q, x, t, DOF, 1.2) for t in forms]
     assert_allclose(steps[0], steps[1], rtol=1e-9)
-    information = [
-        state_information(
-            s.kind, track_cost(s.kind, s.T_world_joint, q, t, DOF, 1.2, pitch=s.pitch), s.pitch
-        )
-        for t in forms
-    ]
+    information = [state_information(s.joint, track_cost(s.joint, q, t, DOF, 1.2)) for t in forms]
     assert_allclose(information[0], information[1], rtol=1e-8)
 
 

@@ -6,6 +6,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 from factors.finite_differences import analytic_gradient, central_difference, numeric_gradient
+from factors.joint import Joint
 from factors.measurements.orientation_track import (
     log_so3,
     orientation_residual,
@@ -20,6 +21,12 @@ R_REF = gtsam.Rot3.Expmap(np.array([-0.3, 0.8, 0.5]))
 # Size of the orientation errors at which derivatives are checked. At exactly pi the logarithm
 # jumps, so differences are taken just beside it.
 ERRORS = {"zero": 0.0, "near zero": 1e-6, "generic": 0.7, "pi": np.pi - 1e-3}
+
+
+def _turned(kind, R_world_joint):
+    T_world_joint = np.eye(4)
+    T_world_joint[:3, :3] = R_world_joint
+    return Joint(kind, T_world_joint, 0.0)
 
 
 def _exp(w):
@@ -61,11 +68,13 @@ def test_jacobians_match_differences(kind, case, size, scene):
     s = scene(kind, case)
     measured = _measured(s, size)
     R_wj = s.T_world_joint[:3, :3]
-    _, J_w, J_ref, J_q = orientation_residual(kind, R_wj, R_REF.matrix(), s.q, measured)
+    _, J_w, J_ref, J_q = orientation_residual(_turned(kind, R_wj), R_REF.matrix(), s.q, measured)
 
     def moved(w, r, dq):
         R_ref = R_REF.matrix() @ _exp(r)
-        return orientation_residual(kind, R_wj @ _exp(w), R_ref, s.q + dq, measured)[0].ravel()
+        return orientation_residual(_turned(kind, R_wj @ _exp(w)), R_ref, s.q + dq, measured)[
+            0
+        ].ravel()
 
     zero = np.zeros(3)
     by_w = central_difference(lambda d: moved(d, zero, 0.0), zero)
@@ -93,20 +102,22 @@ def test_logarithm_undoes_the_exponential_up_to_pi(angle):
 
 def test_door_turned_by_a_tenth_and_modelled_as_shut_errs_by_a_tenth_about_its_axis():
     e, *_ = orientation_residual(
-        "revolute", np.eye(3), np.eye(3), np.zeros(1), _exp([0, 0, 0.1])[None]
+        _turned("revolute", np.eye(3)), np.eye(3), np.zeros(1), _exp([0, 0, 0.1])[None]
     )
     assert_allclose(e[0], [0.0, 0.0, 0.1], atol=1e-12)
 
 
 def test_door_modelled_as_open_and_seen_shut_errs_the_other_way():
-    e, *_ = orientation_residual("revolute", np.eye(3), np.eye(3), np.array([0.1]), np.eye(3)[None])
+    e, *_ = orientation_residual(
+        _turned("revolute", np.eye(3)), np.eye(3), np.array([0.1]), np.eye(3)[None]
+    )
     assert_allclose(e[0], [0.0, 0.0, -0.1], atol=1e-12)
 
 
 def test_error_vanishes_at_the_truth(kind, case, scene):
     s = scene(kind, case)
     measured = _measured(s, 0.0)
-    e, *_ = orientation_residual(kind, s.T_world_joint[:3, :3], R_REF.matrix(), s.q, measured)
+    e, *_ = orientation_residual(s.joint, R_REF.matrix(), s.q, measured)
     assert_allclose(e, 0.0, atol=1e-12)
     assert_allclose(_factor(s, measured).error(_values(s)), 0.0, atol=1e-15)
 
@@ -114,9 +125,7 @@ def test_error_vanishes_at_the_truth(kind, case, scene):
 def test_the_orientation_of_a_drawer_says_nothing_about_its_axis_or_state(scene):
     s = scene("prismatic")
     measured = _measured(s, 0.3)
-    _, J_w, _, J_q = orientation_residual(
-        "prismatic", s.T_world_joint[:3, :3], R_REF.matrix(), s.q, measured
-    )
+    _, J_w, _, J_q = orientation_residual(s.joint, R_REF.matrix(), s.q, measured)
     assert_allclose(J_w, 0.0, atol=1e-12)
     assert_allclose(J_q, 0.0)
 
@@ -134,9 +143,7 @@ def test_gradient_of_the_factor_is_that_of_its_error(kind, size, dof, scene):
 def test_factor_keeps_information_and_cost_of_the_stacked_frames(kind, scene):
     s, sigma = scene(kind), 0.02
     measured, values = _measured(s, 0.05), _values(s)
-    e, J_w, J_ref, J_q = orientation_residual(
-        kind, s.T_world_joint[:3, :3], R_REF.matrix(), s.q, measured
-    )
+    e, J_w, J_ref, J_q = orientation_residual(s.joint, R_REF.matrix(), s.q, measured)
     T = s.q.size
     J = np.zeros((T, 3, 9 + T))
     J[:, :, :3], J[:, :, 6:9] = J_w, J_ref

@@ -9,7 +9,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 from factors.finite_differences import analytic_gradient, central_difference, numeric_gradient
-from factors.joint_motion import unit_twist
+from factors.joint import Joint
 from factors.measurements.point_track import point_track_factor
 from factors.measurements.track_cost import TrackObservations, track_cost
 from factors.measurements.track_information import (
@@ -103,8 +103,8 @@ def test_normal_equations_are_the_schur_complement_of_the_dense_system(
 ):
     s = scene(kind, case)
     T_world_joint, q = _off(s)
-    cost = track_cost(kind, T_world_joint, q, s.tracks, dof, 1.0, pitch=s.pitch)
-    H, g = track_normal_equations(kind, q, cost, s.pitch)
+    cost = track_cost(Joint(kind, T_world_joint, s.pitch), q, s.tracks, dof, 1.0)
+    H, g = track_normal_equations(s.joint, q, cost)
     H_dense, g_dense = _dense(s, T_world_joint, q, cost, dof, world_points)
     d = _scaled(H_dense)
     assert_allclose(H / np.outer(d, d), H_dense / np.outer(d, d), atol=1e-7)
@@ -117,8 +117,8 @@ def test_normal_equations_with_gaps_are_those_of_what_was_seen(kind, scene, worl
     s.p_world[2:, 4] = np.nan  # an early end
     s.cov_world[1, 6], s.p_world[1, 6] = np.nan, np.nan  # a gap without a covariance
     T_world_joint, q = _off(s)
-    cost = track_cost(kind, T_world_joint, q, s.tracks, GAUSSIAN, 1.0, pitch=s.pitch)
-    H, g = track_normal_equations(kind, q, cost, s.pitch)
+    cost = track_cost(Joint(kind, T_world_joint, s.pitch), q, s.tracks, GAUSSIAN, 1.0)
+    H, g = track_normal_equations(s.joint, q, cost)
     H_dense, g_dense = _dense(s, T_world_joint, q, cost, GAUSSIAN, world_points)
     d = _scaled(H_dense)
     assert_allclose(H / np.outer(d, d), H_dense / np.outer(d, d), atol=1e-7)
@@ -130,14 +130,14 @@ def test_gradient_is_that_of_the_cost(kind, case, dof, tolerance, scene):
     """The robust latent points stop 1e-3 of a squared deviation short: hence its tolerance."""
     s = scene(kind, case, isotropic=dof == ROBUST)
     T_world_joint, q = _off(s, size=1.5e-3)
-    cost = track_cost(kind, T_world_joint, q, s.tracks, dof, 1.0, pitch=s.pitch)
-    H, g = track_normal_equations(kind, q, cost, s.pitch)
+    cost = track_cost(Joint(kind, T_world_joint, s.pitch), q, s.tracks, dof, 1.0)
+    H, g = track_normal_equations(s.joint, q, cost)
 
     def half_cost(delta):
         pose = gtsam.Pose3(T_world_joint).compose(gtsam.Pose3.Expmap(delta[:6])).matrix()
         pitch = s.pitch + (delta[-1] if kind == "helical" else 0.0)
         states = q + delta[6 : 6 + q.size]
-        return track_cost(kind, pose, states, s.tracks, dof, 1.0, pitch=pitch).twice_cost / 2
+        return track_cost(Joint(kind, pose, pitch), states, s.tracks, dof, 1.0).twice_cost / 2
 
     numeric = central_difference(lambda d: np.array([half_cost(d)]), np.zeros(g.size), 3e-5)[0]
     d = _scaled(H)
@@ -157,8 +157,8 @@ def test_gradient_of_the_factor_in_gtsam_is_that_of_its_error(kind, case, scene)
 def test_factor_keeps_information_gradient_and_cost_of_the_free_variables(kind, scene):
     s = scene(kind)
     T_world_joint, q = _off(s)
-    cost = track_cost(kind, T_world_joint, q, s.tracks, ROBUST, 1.3, pitch=s.pitch)
-    H, g = track_normal_equations(kind, q, cost, s.pitch)
+    cost = track_cost(Joint(kind, T_world_joint, s.pitch), q, s.tracks, ROBUST, 1.3)
+    H, g = track_normal_equations(s.joint, q, cost)
     factor = _factor(s, ROBUST, 1.3)
     values = _values(s, T_world_joint, q)
     A, b = factor.linearize(values).jacobian()
@@ -181,8 +181,8 @@ def test_factor_gives_the_same_error_after_moving_away_and_back(kind, scene):
 def test_gauge_directions_carry_no_information(kind, case, scene):
     s = scene(kind, case)
     T_world_joint, q = _off(s)
-    cost = track_cost(kind, T_world_joint, q, s.tracks, ROBUST, 1.0, pitch=s.pitch)
-    H, g = track_normal_equations(kind, q, cost, s.pitch)
+    cost = track_cost(Joint(kind, T_world_joint, s.pitch), q, s.tracks, ROBUST, 1.0)
+    H, g = track_normal_equations(s.joint, q, cost)
     rounding = 1e-12 * H.max()
     assert_allclose(H[GAUGE[kind]], 0.0, atol=rounding)
     assert_allclose(g[GAUGE[kind]], 0.0, atol=rounding)
@@ -190,8 +190,8 @@ def test_gauge_directions_carry_no_information(kind, case, scene):
 
 def test_every_other_direction_carries_information(kind, scene):
     s = scene(kind)
-    cost = track_cost(kind, s.T_world_joint, s.q, s.tracks, ROBUST, 1.0, pitch=s.pitch)
-    H, _ = track_normal_equations(kind, s.q, cost, s.pitch)
+    cost = track_cost(s.joint, s.q, s.tracks, ROBUST, 1.0)
+    H, _ = track_normal_equations(s.joint, s.q, cost)
     kept = [i for i in range(H.shape[0]) if i not in GAUGE[kind] and i != 6]
     d = _scaled(H)[kept]
     assert np.linalg.eigvalsh(H[np.ix_(kept, kept)] / np.outer(d, d))[0] > 1e-6
@@ -199,10 +199,10 @@ def test_every_other_direction_carries_information(kind, scene):
 
 def test_error_and_gradient_vanish_at_the_truth(kind, case, scene):
     s = scene(kind, case, sigma=0)
-    cost = track_cost(kind, s.T_world_joint, s.q, s.tracks, ROBUST, 1.0, pitch=s.pitch)
+    cost = track_cost(s.joint, s.q, s.tracks, ROBUST, 1.0)
     assert_allclose(cost.twice_cost, 0.0, atol=1e-18)
     assert_allclose(cost.x_joint, s.x_joint.T, atol=1e-12)
-    _, g = track_normal_equations(kind, s.q, cost, s.pitch)
+    _, g = track_normal_equations(s.joint, s.q, cost)
     assert_allclose(g, 0.0, atol=1e-6)
 
 
@@ -210,7 +210,7 @@ def test_point_seen_twice_four_sigmas_apart_costs_four():
     """By hand: the latent point lies midway, two sigmas from each; half of 2 * 2^2 is 4."""
     p = np.array([[[0.0, 0.0, 0.0]], [[0.04, 0.0, 0.0]]])
     tracks = TrackObservations.from_points(p, np.tile(1e-4 * np.eye(3), (2, 1, 1, 1)))
-    cost = track_cost("prismatic", np.eye(4), np.zeros(2), tracks, GAUSSIAN, 1.0)
+    cost = track_cost(Joint("prismatic", np.eye(4), 0.0), np.zeros(2), tracks, GAUSSIAN, 1.0)
     assert_allclose(cost.x_joint[:, 0], [0.02, 0, 0])
     assert_allclose(cost.d2[:, 0], [4.0, 4.0], rtol=1e-9)
     assert_allclose(cost.twice_cost / 2, 4.0, rtol=1e-7)
@@ -221,7 +221,7 @@ def test_latent_point_lies_nearer_to_the_more_certain_observation():
     p = np.array([[[0.0, 0.0, 0.0]], [[0.04, 0.0, 0.0]]])
     cov = np.array([1.0, 3.0])[:, None, None, None] * 1e-4 * np.eye(3)
     tracks = TrackObservations.from_points(p, cov)
-    cost = track_cost("prismatic", np.eye(4), np.zeros(2), tracks, GAUSSIAN, 1.0)
+    cost = track_cost(Joint("prismatic", np.eye(4), 0.0), np.zeros(2), tracks, GAUSSIAN, 1.0)
     assert_allclose(cost.x_joint[:, 0], [0.01, 0, 0])
 
 
@@ -229,17 +229,18 @@ def test_doubled_scale_quarters_squared_errors_and_information(kind, scene):
     s = scene(kind)
     T_world_joint, q = _off(s)
     costs = [
-        track_cost(kind, T_world_joint, q, s.tracks, GAUSSIAN, k, pitch=s.pitch) for k in (1.0, 2.0)
+        track_cost(Joint(kind, T_world_joint, s.pitch), q, s.tracks, GAUSSIAN, k)
+        for k in (1.0, 2.0)
     ]
     assert_allclose(costs[1].d2, costs[0].d2 / 4, rtol=1e-6)
-    H1, H2 = (track_normal_equations(kind, q, cost, s.pitch)[0] for cost in costs)
+    H1, H2 = (track_normal_equations(s.joint, q, cost)[0] for cost in costs)
     assert_allclose(H2, H1 / 4, atol=1e-6 * H1.max())
 
 
 def test_log_determinants_are_those_of_the_covariances(scene):
     s = scene(sigma=0, isotropic=True)
     s.p_world[1, 2] = np.nan
-    cost = track_cost("revolute", s.T_world_joint, s.q, s.tracks, GAUSSIAN, 2.0, pitch=s.pitch)
+    cost = track_cost(Joint("revolute", s.T_world_joint, s.pitch), s.q, s.tracks, GAUSSIAN, 2.0)
     seen = np.isfinite(s.p_world[..., 0]).sum(axis=0)
     assert_allclose(s.tracks.log_det_cov, seen.sum() * 3 * np.log(0.003**2))
     assert_allclose(cost.log_det_latent, 3 * np.log(seen / 0.006**2).sum(), rtol=1e-8)
@@ -251,8 +252,8 @@ def test_covariance_of_a_drawer_is_the_one_worked_on_paper(scene):
     """
     q, N, sigma = np.array([0.0, 0.05, 0.1, 0.25, 0.3]), 12, 0.003
     s = scene("prismatic", sigma=0, isotropic=True, points=N, q=q)
-    cost = track_cost("prismatic", s.T_world_joint, q, s.tracks, GAUSSIAN, 1.0)
-    H, _ = track_normal_equations("prismatic", q, cost)
+    cost = track_cost(Joint("prismatic", s.T_world_joint, 0.0), q, s.tracks, GAUSSIAN, 1.0)
+    H, _ = track_normal_equations(Joint("prismatic", np.eye(4), 0.0), q, cost)
     kept = [0, 1, *range(7, 11)]
     cov = np.linalg.inv(H[np.ix_(kept, kept)])
     want = np.zeros((6, 6))
@@ -264,21 +265,21 @@ def test_covariance_of_a_drawer_is_the_one_worked_on_paper(scene):
 def test_state_information_is_that_with_joint_and_points_held(kind, case, scene, world_points):
     s = scene(kind, case)
     T_world_joint, q = _off(s)
-    cost = track_cost(kind, T_world_joint, q, s.tracks, ROBUST, 1.0, pitch=s.pitch)
+    cost = track_cost(Joint(kind, T_world_joint, s.pitch), q, s.tracks, ROBUST, 1.0)
     information = _latent_information(s, cost.d2, ROBUST, 1.0)
     x, h = cost.x_joint.T, 1e-6
     for t, state in enumerate(q):
         ends = [world_points(kind, T_world_joint, state + d, x) for d in (h, -h)]
         step = (ends[0] - ends[1]) / (2 * h)
         want = np.einsum("ni,nij,nj->", step, information[t], step)
-        assert_allclose(state_information(kind, cost, s.pitch)[t], want, rtol=1e-6)
+        assert_allclose(state_information(s.joint, cost)[t], want, rtol=1e-6)
 
 
 def test_states_alone_step_back_to_the_truth_from_exact_points(kind, case, scene):
     s = scene(kind, case, sigma=0)
     q = s.q + np.array([0.1, -0.05, 0.02, 0.08])
     for _ in range(30):
-        step, _ = state_step(kind, s.T_world_joint, q, s.x_joint.T, s.tracks, ROBUST, 1.0, s.pitch)
+        step, _ = state_step(s.joint, q, s.x_joint.T, s.tracks, ROBUST, 1.0)
         q = q + step
     assert_allclose(q, s.q, atol=1e-9)
 
@@ -288,7 +289,7 @@ def test_state_step_is_gradient_over_information(kind, dof, scene, world_points)
     s = scene(kind)
     s.p_world[2, 1] = np.nan
     x, q = s.x_joint, s.q + 1e-3
-    step, information = state_step(kind, s.T_world_joint, q, x.T, s.tracks, dof, 1.3, s.pitch)
+    step, information = state_step(s.joint, q, x.T, s.tracks, dof, 1.3)
     seen = np.isfinite(s.p_world).all(-1)
     inverse = np.linalg.inv(s.cov_world) / 1.3**2
 
@@ -308,13 +309,10 @@ def test_a_point_that_is_lost_does_not_count(kind, scene):
     s.p_world[1:, 3] = np.nan  # seen once: its own latent point takes all of it up
     keep = [0, 1, 2, 4, 5, 6]
     tracks = TrackObservations.from_points(without.p_world[:, keep], without.cov_world[:, keep])
-    costs = [
-        track_cost(kind, s.T_world_joint, s.q, t, ROBUST, 1.0, pitch=s.pitch)
-        for t in (s.tracks, tracks)
-    ]
+    costs = [track_cost(s.joint, s.q, t, ROBUST, 1.0) for t in (s.tracks, tracks)]
     assert_allclose(costs[0].twice_cost, costs[1].twice_cost, atol=1e-9)
     assert_allclose(costs[0].d2[1:, 3], 0.0)
-    (H0, g0), (H1, g1) = (track_normal_equations(kind, s.q, cost, s.pitch) for cost in costs)
+    (H0, g0), (H1, g1) = (track_normal_equations(s.joint, s.q, cost) for cost in costs)
     assert_allclose(H0, H1, atol=1e-9 * H1.max())
     assert_allclose(g0, g1, atol=1e-9 * np.abs(g1).max())
 
@@ -322,9 +320,9 @@ def test_a_point_that_is_lost_does_not_count(kind, scene):
 def test_what_stands_beside_a_lost_point_is_never_read(kind, scene):
     s = scene(kind)
     s.p_world[2, 1] = [np.nan, 1e3, -1e3]
-    before = track_cost(kind, s.T_world_joint, s.q, s.tracks, ROBUST, 1.0, pitch=s.pitch)
+    before = track_cost(s.joint, s.q, s.tracks, ROBUST, 1.0)
     s.p_world[2, 1], s.cov_world[2, 1] = np.nan, 7.0
-    after = track_cost(kind, s.T_world_joint, s.q, s.tracks, ROBUST, 1.0, pitch=s.pitch)
+    after = track_cost(s.joint, s.q, s.tracks, ROBUST, 1.0)
     assert before.twice_cost == after.twice_cost
 
 
@@ -332,13 +330,10 @@ def test_the_order_of_the_tracks_does_not_matter(kind, scene):
     s = scene(kind, points=9)
     order = np.random.default_rng(0).permutation(9)
     shuffled = TrackObservations.from_points(s.p_world[:, order], s.cov_world[:, order])
-    costs = [
-        track_cost(kind, s.T_world_joint, s.q, t, ROBUST, 1.0, pitch=s.pitch)
-        for t in (s.tracks, shuffled)
-    ]
+    costs = [track_cost(s.joint, s.q, t, ROBUST, 1.0) for t in (s.tracks, shuffled)]
     assert_allclose(costs[1].twice_cost, costs[0].twice_cost)
     assert_allclose(costs[1].d2, costs[0].d2[:, order], atol=1e-9)
-    (H0, g0), (H1, g1) = (track_normal_equations(kind, s.q, cost, s.pitch) for cost in costs)
+    (H0, g0), (H1, g1) = (track_normal_equations(s.joint, s.q, cost) for cost in costs)
     assert_allclose(H1, H0, atol=1e-10 * H0.max())
     assert_allclose(g1, g0, atol=1e-9 * np.abs(g0).max())
 
@@ -349,10 +344,10 @@ def test_a_turned_world_changes_nothing(kind, scene):
     W = gtsam.Pose3(gtsam.Rot3.Expmap(np.array([1.0, -2.0, 0.5])), np.array([3.0, -1.0, 2.0]))
     R = W.rotation().matrix()
     turned = TrackObservations.from_points(s.p_world @ R.T + W.translation(), R @ s.cov_world @ R.T)
-    here = track_cost(kind, T_world_joint, q, s.tracks, ROBUST, 1.0, pitch=s.pitch)
-    there = track_cost(kind, W.matrix() @ T_world_joint, q, turned, ROBUST, 1.0, pitch=s.pitch)
+    here = track_cost(Joint(kind, T_world_joint, s.pitch), q, s.tracks, ROBUST, 1.0)
+    there = track_cost(Joint(kind, W.matrix() @ T_world_joint, s.pitch), q, turned, ROBUST, 1.0)
     assert_allclose(there.twice_cost, here.twice_cost, rtol=1e-9)
-    H0, H1 = (track_normal_equations(kind, q, cost, s.pitch)[0] for cost in (here, there))
+    H0, H1 = (track_normal_equations(s.joint, q, cost)[0] for cost in (here, there))
     assert_allclose(H1, H0, atol=1e-8 * H0.max())
 
 
@@ -384,7 +379,7 @@ def test_one_wild_track_hardly_moves_the_axis(kind, scene):
 def test_the_kernel_acts_per_observation_not_per_track(scene):
     s = scene(points=10, isotropic=True)
     s.p_world[2, 4] += [0.3, 0.0, 0.0]  # one jump of one point
-    cost = track_cost("revolute", s.T_world_joint, s.q, s.tracks, ROBUST, 1.0, pitch=s.pitch)
+    cost = track_cost(Joint("revolute", s.T_world_joint, s.pitch), s.q, s.tracks, ROBUST, 1.0)
     w = weight(cost.d2, ROBUST, 3)
     assert w[2, 4] < 1e-3
     others = np.delete(w.ravel(), 2 * 10 + 4)
@@ -407,11 +402,7 @@ def test_fifty_factors_are_freed_with_their_observations(scene):
 def test_unit_twist_moves_a_point_of_the_factor_as_the_joint_does(kind, scene, world_points):
     """One frame: opening the joint and turning its frame by the same twist are the same."""
     s = scene(kind, sigma=0)
-    T = (
-        gtsam.Pose3(s.T_world_joint)
-        .compose(gtsam.Pose3.Expmap(0.2 * unit_twist(kind, s.pitch)))
-        .matrix()
-    )
+    T = gtsam.Pose3(s.T_world_joint).compose(gtsam.Pose3.Expmap(0.2 * s.joint.unit_twist)).matrix()
     assert_allclose(
         world_points(kind, T, 0.1, s.x_joint),
         world_points(kind, s.T_world_joint, 0.3, s.x_joint),

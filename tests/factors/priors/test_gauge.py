@@ -6,9 +6,10 @@ import pytest
 from numpy.testing import assert_allclose
 
 from factors.finite_differences import numeric_jacobian
+from factors.joint import Joint, JointKind
 from factors.measurements.track_cost import track_cost
 from factors.measurements.track_information import track_normal_equations
-from factors.priors.gauge import GAUGE_NAMES, SIGMA, gauge_factor
+from factors.priors.gauge import SIGMA, gauge_factor
 
 TANGENT = ("wx", "wy", "wz", "vx", "vy", "vz")
 CENTROID = np.array([0.4, -0.2, 1.1])
@@ -64,18 +65,18 @@ def test_slide_of_ten_centimetres_and_turn_of_a_fifth_are_the_error():
 def test_every_gauge_direction_is_fixed_and_no_other_is_measured(kind):
     """As many rows as gauge directions, and these alone already fill them."""
     J = _jacobian(kind, _values(TURNS["near zero"]))
-    gauge = [TANGENT.index(name) for name in GAUGE_NAMES[kind]]
+    gauge = [TANGENT.index(name) for name in JointKind(kind).gauge]
     assert J.shape[0] == len(gauge)
     assert np.linalg.svd(J[:, gauge])[1].min() > 0.5
 
 
 def test_gauge_directions_are_exactly_those_the_tracks_leave_open(kind, scene):
     s = scene(kind)
-    cost = track_cost(kind, s.T_world_joint, s.q, s.tracks, 6.0, 1.0, pitch=s.pitch)
-    H, _ = track_normal_equations(kind, s.q, cost, s.pitch)
+    cost = track_cost(Joint(kind, s.T_world_joint, s.pitch), s.q, s.tracks, 6.0, 1.0)
+    H, _ = track_normal_equations(Joint(kind, np.eye(4), s.pitch), s.q, cost)
     diagonal = np.diag(H)[:6]
     open_directions = [TANGENT[i] for i in range(6) if diagonal[i] < 1e-10 * diagonal.max()]
-    assert tuple(open_directions) == GAUGE_NAMES[kind]
+    assert tuple(open_directions) == JointKind(kind).gauge
 
 
 @pytest.mark.parametrize("centroid", [[0.0, 1.0], [0.0, np.nan, 1.0], [np.inf, 0, 0], 3.0])

@@ -6,8 +6,6 @@ import pytest
 from numpy.testing import assert_allclose
 from scipy import stats
 
-from akm_fg.estimation.between_kinds.all_kinds import graph_problem
-from akm_fg.estimation.between_kinds.evidence import temper
 from akm_fg.estimation.between_kinds.starts import starts_of_part
 from akm_fg.estimation.config import FitConfig
 from akm_fg.estimation.fit import fit_tracks
@@ -17,7 +15,6 @@ from akm_fg.estimation.one_kind.joint_chart import JointChart
 from akm_fg.estimation.one_kind.kind_fit import fit_kind
 from akm_fg.estimation.one_kind.sampled_posterior import sampled
 from experiments.trials.openings import make_opening, score_opening
-from factors.joint_motion import part_motion
 
 KINDS = ["prismatic", "revolute", "helical"]
 
@@ -25,7 +22,7 @@ KINDS = ["prismatic", "revolute", "helical"]
 def _fit(truth, kind, config=None):
     problem = problem_of_tracks("x", truth.tracks, True, 0, config or FitConfig())
     starts = {s.guess.kind: s.guess for s in starts_of_part(problem, problem.motions)}
-    return temper(fit_kind(starts[kind], graph_problem(problem)), 1.0, problem), problem
+    return fit_kind(starts[kind], problem), problem
 
 
 @pytest.fixture(scope="module")
@@ -48,7 +45,7 @@ def test_origin_of_the_coordinates_is_the_solved_joint(kind, solved):
     chart = JointChart.at(fit, problem.centroid_world)
     zero = np.zeros((1, chart.size))
     R, t = chart.joints(zero).motions(chart.distance * fit.q[None])
-    R_joint, t_joint = part_motion(kind, fit.T_world_joint, fit.q, fit.pitch)
+    R_joint, t_joint = fit.joint.motion(fit.q)
     assert_allclose(R[0], R_joint, atol=1e-9)
     assert_allclose(t[0], t_joint, atol=1e-9)
 
@@ -146,8 +143,11 @@ def test_points_stay_where_they_are_when_the_joint_moves(vague):
     _, fit, problem = vague
     better = sampled(fit, problem)
     assert better is not fit
-    old = fit.T_world_joint[:3, :3] @ fit.x_joint + fit.T_world_joint[:3, 3:]
-    new = better.T_world_joint[:3, :3] @ better.x_joint + better.T_world_joint[:3, 3:]
+    old = fit.joint.T_world_joint[:3, :3] @ fit.tracks.x_joint + fit.joint.T_world_joint[:3, 3:]
+    new = (
+        better.joint.T_world_joint[:3, :3] @ better.tracks.x_joint
+        + better.joint.T_world_joint[:3, 3:]
+    )
     assert_allclose(new, old, atol=1e-12)
 
 

@@ -43,7 +43,7 @@ def test_a_door_is_a_hinge_with_its_states(name, request):
     found = _seen(clip)
     best = found.guesses[0]
     assert best.kind == "revolute"
-    axis, origin = best.T_world_joint[:3, 2], best.T_world_joint[:3, 3]
+    axis, origin = best.joint.T_world_joint[:3, 2], best.joint.T_world_joint[:3, 3]
     assert np.degrees(np.arccos(-axis[2])) < 2.0  # it opens about -z
     assert _off_line(origin, np.array(clip.scene.hinge), axis) < 0.03
     np.testing.assert_allclose(np.degrees(best.q), np.degrees(clip.states), atol=1.0)
@@ -54,7 +54,7 @@ def test_a_door_is_a_hinge_with_its_states(name, request):
 def test_a_drawer_slides_along_the_normal_of_its_front(drawer):
     best = _seen(drawer).guesses[0]
     assert best.kind == "prismatic"
-    assert np.degrees(np.arccos(best.T_world_joint[0, 2])) < 1.0
+    assert np.degrees(np.arccos(best.joint.T_world_joint[0, 2])) < 1.0
     np.testing.assert_allclose(best.q, drawer.states, atol=0.003)
 
 
@@ -159,8 +159,8 @@ def test_planes_meet_in_the_hinge_though_one_is_of_another_face():
     normal[4], offset[4] = [0, 0, 1], 0.6  # the top, in the last
     starts = starts_from_faces(replace(faces, normal=normal, offset=offset), 6, FaceJointConfig())
     hinge = next(s.guess for s in starts if s.guess.kind == "revolute")
-    np.testing.assert_allclose(hinge.T_world_joint[:3, 2], axis, atol=1e-6)
-    assert _off_line(hinge.T_world_joint[:3, 3], pivot, axis) < 1e-6
+    np.testing.assert_allclose(hinge.joint.T_world_joint[:3, 2], axis, atol=1e-6)
+    assert _off_line(hinge.joint.T_world_joint[:3, 3], pivot, axis) < 1e-6
     np.testing.assert_allclose(hinge.q, [0, 0.1, 0.2, 0.3, 0.4, 0.4], atol=1e-6)
 
 
@@ -169,5 +169,5 @@ def test_parallel_planes_are_no_hinge():
     faces = replace(faces, offset=np.array([0.05, 0.1]), centre=np.eye(3)[[0, 0]] * [[0.05], [0.1]])
     (drawer,) = starts_from_faces(faces, 3, FaceJointConfig())
     assert drawer.guess.kind == "prismatic"
-    np.testing.assert_allclose(drawer.guess.T_world_joint[:3, 2], [1, 0, 0])
+    np.testing.assert_allclose(drawer.guess.joint.T_world_joint[:3, 2], [1, 0, 0])
     np.testing.assert_allclose(drawer.guess.q, [0, 0.05, 0.1])

@@ -4,11 +4,11 @@ import numpy as np
 
 from akm_fg.perception.moving_part.following import following
 from akm_fg.records import PointTracks
-from factors.joint_motion import part_motion
+from factors.joint import Joint
 
 T = 12
 Q = np.linspace(0.0, 0.5, T)
-R, t = part_motion("revolute", np.eye(4), Q)
+R, t = Joint("revolute", np.eye(4), 0.0).motion(Q)
 KNOWN = np.ones(T, dtype=bool)
 
 

@@ -11,21 +11,30 @@ from scipy import stats
 
 from akm_fg.errors import TracksLost
 from akm_fg.estimation.between_kinds.starts import starts_of_part
-from akm_fg.estimation.config import DenseConfig, FitConfig
+from akm_fg.estimation.config import FitConfig, SurfaceConfig
 from akm_fg.estimation.fit import fit_surface, fit_tracks
-from akm_fg.estimation.given.initial_guess import JointGuess
 from akm_fg.estimation.given.problem import problem_of_surface, problem_of_tracks
-from akm_fg.estimation.given.surface_registration import readings_as_one, register, spread_by_state
+from akm_fg.estimation.given.surface_registration import (
+    SurfaceToRegister,
+    readings_as_one,
+    register,
+    spread_by_state,
+)
+from akm_fg.estimation.sources.source import FirstFit
+from akm_fg.estimation.sources.surface import SURFACE
+from akm_fg.estimation.sources.tracks import TRACKS
+from akm_fg.estimation.steps import to_end
+from akm_fg.geometry.joint_guess import JointGuess
 from akm_fg.io.posterior_json import posterior_as_line
 from akm_fg.records import PointTracks
-from factors.joint_motion import part_motion
+from factors.joint import Joint
 from factors.measurements.dense_registration import DenseCost, PatchObservations
 
 # Readings in these tests are as independent as they claim.
 EXACT = replace(
     FitConfig(),
     surface_systematic_m=0.0,
-    dense=replace(DenseConfig(), keyframes=5, keyframes_alone=10),
+    surface=replace(SurfaceConfig(), keyframes=5, keyframes_alone=10),
 )
 
 
@@ -34,7 +43,7 @@ def _guess(truth, size=0.0, seed=5):
     rng = np.random.default_rng(seed)
     T = gtsam.Pose3(truth.T_world_joint).compose(gtsam.Pose3.Expmap(rng.normal(0, size, 6)))
     q = truth.q + np.r_[0.0, rng.normal(0, size, truth.q.size - 1)]
-    return JointGuess(truth.kind, T.matrix(), q)
+    return JointGuess(Joint(truth.kind, T.matrix(), 0.0), q)
 
 
 def _none(frames):
@@ -48,8 +57,8 @@ def _fit(truth, surface, size=0.01, config=EXACT):
 
 def _off_m(guess, truth, frames):
     """(K, 3, N) how far a joint takes the panel's points from where they are."""
-    R, t = part_motion(guess.kind, guess.T_world_joint, guess.q, guess.pitch)
-    R0, t0 = part_motion(truth.kind, truth.T_world_joint, truth.q[frames])
+    R, t = guess.joint.motion(guess.q)
+    R0, t0 = truth.joint.motion(truth.q[frames])
     p = truth.rest_world.T
     return R @ p + t[:, :, None] - (R0 @ p + t0[:, :, None])
 
@@ -133,6 +142,15 @@ def test_readings_that_are_not_seen_do_not_count():
     assert _readings(np.where(seen, e, 50.0), GRID, seen) == before
 
 
+def _registered(problem, guess, surface, shared=1.0):
+    """The problem with the surface, and the joint that it leads to; None where it does not."""
+    known = {TRACKS: problem.tracks.first_scale, SURFACE: 1.0}
+    found = to_end(
+        register(problem, FirstFit(guess, np.zeros(guess.q.size), known, shared), surface)
+    )
+    return None if found is None else (found[0], found[1].guess)
+
+
 @pytest.fixture(scope="module", params=["revolute", "prismatic"])
 def perturbed(request, opening, surface_of):
     """An opening, its surface, and registrations of it from a joint a degree and more off."""
@@ -141,30 +159,29 @@ def perturbed(request, opening, surface_of):
     centroid = truth.rest_world.mean(axis=0)
     guess = _guess(truth, 0.012)
     problem = problem_of_surface("test", _none(truth.q.size), guess, centroid, EXACT)
-    start = JointGuess(guess.kind, guess.T_world_joint, problem.guesses[0].q)
-    return truth, start, register(problem, start, problem.start, surface, 1.0)
+    start = JointGuess(guess.joint, problem.guesses[0].q)
+    return truth, start, _registered(problem, start, surface)
 
 
 def test_registration_brings_a_joint_a_centimetre_off_to_the_surface(perturbed):
-    truth, start, registration = perturbed
-    frames = registration.problem.keyframes
+    truth, start, (problem, found) = perturbed
+    frames = problem.keyframes
     before = np.abs(_off_m(start, truth, np.arange(20))).max()
-    after = np.abs(_off_m(registration.guess, truth, frames)).max()
+    after = np.abs(_off_m(found, truth, frames)).max()
     assert before > 0.009
     assert after < 1e-3  # millimetre readings, six hundred of them
 
 
 def test_registration_keeps_its_frames_readings_and_noise_level(perturbed):
-    truth, _, registration = perturbed
-    problem = registration.problem
-    dense = problem.observations.dense
+    truth, _, (problem, found) = perturbed
+    surface = problem.sources[1]
     assert problem.keyframes.size == 10 and problem.keyframes[0] == 0
     assert (np.diff(problem.keyframes) > 0).all()
-    assert dense.frames.tolist() == list(range(10))
-    assert registration.guess.q[0] == 0.0 and registration.guess.q.size == 10
-    assert 1.0 <= dense.count_as_one < 2.0  # white noise
-    assert_allclose(problem.start.dense, 0.92, atol=0.08)  # Student-t over normal, see config
-    assert dense.patches.seen.mean() > 0.9  # edges seen at a grazing angle are not
+    assert surface.frames.tolist() == list(range(10))
+    assert found.q[0] == 0.0 and found.q.size == 10
+    assert 1.0 <= surface.count_as_one < 2.0  # white noise
+    assert_allclose(surface.first_scale, 0.92, atol=0.08)  # Student-t over normal, see config
+    assert surface.patches.seen.mean() > 0.9  # edges seen at a grazing angle are not
     centroid = problem.centroid_world - truth.rest_world.mean(axis=0)
     assert np.abs(centroid).max() < 0.05  # of what is drawn on a panel of 0.4 m
 
@@ -173,13 +190,12 @@ def test_more_readings_alike_count_less(opening, surface_of):
     truth = opening(4, "revolute")
     guess = _guess(truth, 0.002)
     problem = problem_of_surface("test", _none(20), guess, truth.rest_world.mean(axis=0), EXACT)
-    start = JointGuess("revolute", guess.T_world_joint, problem.guesses[0].q)
+    start = JointGuess(guess.joint, problem.guesses[0].q)
     blocks = surface_of(truth, patches=1500, block_px=24)
-    registration = register(problem, start, problem.start, blocks, 1.0)
-    together = registration.problem.observations.dense.count_as_one
+    together = _registered(problem, start, blocks)[0].sources[1].count_as_one
     assert together > 4.0
-    half = register(problem, start, problem.start, blocks, 2.0)
-    assert_allclose(half.problem.observations.dense.count_as_one, together / 2, rtol=0.1)
+    half, _ = _registered(problem, start, blocks, shared=2.0)
+    assert_allclose(half.sources[1].count_as_one, together / 2, rtol=0.1)
 
 
 def test_a_surface_seen_in_one_keyframe_or_in_too_few_places_is_no_registration(
@@ -191,10 +207,10 @@ def test_a_surface_seen_in_one_keyframe_or_in_too_few_places_is_no_registration(
     for surface in (
         surface_of(truth, hidden=range(1, 20)),
         surface_of(truth, hidden=range(20)),
-        surface_of(truth, patches=EXACT.dense.min_patches - 1),
+        surface_of(truth, patches=EXACT.surface.min_patches - 1),
     ):
-        assert register(problem, start.guess, problem.start, surface, 1.0) is None
-        same = fit_tracks(truth.tracks, surface=surface, config=EXACT)
+        assert _registered(problem, start.guess, surface) is None
+        same = fit_tracks(truth.tracks, sources=[SurfaceToRegister(surface)], config=EXACT)
         assert same.fit.keyframes_registered == () and same.fit.patches_used == 0
         assert same.fit.patches_rms_m is None and same.fit.patches_as_one is None
 
@@ -203,7 +219,7 @@ def test_a_surface_alone_that_is_not_seen_again_is_lost(opening, surface_of):
     truth = opening(4, "revolute")
     for surface in (
         surface_of(truth, hidden=range(1, 20)),
-        surface_of(truth, patches=EXACT.dense.min_patches - 1),
+        surface_of(truth, patches=EXACT.surface.min_patches - 1),
     ):
         with pytest.raises(TracksLost, match="seen again in two keyframes; expected at least 50"):
             _fit(truth, surface)
@@ -245,9 +261,9 @@ def test_states_of_unseen_frames_are_null_in_the_json(opening, surface_of):
 def test_surface_and_tracks_together_are_surer_than_tracks_alone(kind, opening, surface_of, score):
     truth = opening(7, kind)
     alone = fit_tracks(truth.tracks, config=EXACT)
-    both = fit_tracks(truth.tracks, surface=surface_of(truth), config=EXACT)
+    both = fit_tracks(truth.tracks, sources=[SurfaceToRegister(surface_of(truth))], config=EXACT)
     assert both.kind == alone.kind == kind
-    assert len(both.fit.keyframes_registered) == EXACT.dense.keyframes
+    assert len(both.fit.keyframes_registered) == EXACT.surface.keyframes
     assert both.best.joint.axis_sd_rad < 0.7 * alone.best.joint.axis_sd_rad
     assert score(both, truth).axis_error_rad < 4 * both.best.joint.axis_sd_rad
     assert np.isfinite(both.best.states.mean).all()
@@ -282,8 +298,7 @@ def test_readings_weigh_more_beside_tracks_that_count_less(opening, surface_of):
     problem = problem_of_surface(
         "x", truth.tracks, _guess(truth), truth.rest_world.mean(axis=0), EXACT
     )
-    registration = register(problem, _guess(truth), problem.start, surface_of(truth), 1.0)
-    dense = registration.problem.observations.dense
-    counted = registration.problem.counting(4.0).observations.dense
-    assert_allclose(counted.count_as_one, dense.count_as_one / 4)
-    assert counted.patches is dense.patches
+    registered, _ = _registered(problem, _guess(truth), surface_of(truth))
+    surface, counted = registered.sources[1], registered.counting(4.0).sources[1]
+    assert_allclose(counted.count_as_one, surface.count_as_one / 4)
+    assert counted.patches is surface.patches

@@ -2,49 +2,19 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
-
 import numpy as np
 
+from akm_fg.geometry.joint_guess import JointGuess, joint_frame
 from akm_fg.geometry.rigid_motion import RigidMotion
 from akm_fg.records import BoolArray, FloatArray
-from factors.joint_motion import cross
+from factors.joint import Joint, JointKind, cross
 from factors.measurements.orientation_track import log_so3
 
 # A hinge farther away than this is a drawer for every purpose of a start; metres.
 MAX_RADIUS_M = 100.0
 _MIN_RADIUS_M = 0.01
-TURN_ABOUT_X = np.array([1.0, -1.0, -1.0])  # half a turn, as a diagonal
 # Of one point's path nothing but the bend tells the hinge.
 _FAR_HINGES_M = (1.0, 2.0, 4.0, 8.0, 16.0, 32.0, 64.0)
-
-
-@dataclass(frozen=True, slots=True)
-class JointGuess:
-    """A joint frame and states to start from."""
-
-    kind: str
-    T_world_joint: FloatArray  # (4, 4)
-    q: FloatArray  # (T,), zero in frame 0
-    pitch: float = 0.0  # of a helical joint, metres per radian
-
-
-def turned(guess: JointGuess) -> JointGuess:
-    """The same motions with the axis the other way: the joint frame turned about its x."""
-    T = guess.T_world_joint.copy()
-    T[:3, :3] = T[:3, :3] @ np.diag(TURN_ABOUT_X)
-    return replace(guess, T_world_joint=T, q=-guess.q)
-
-
-def joint_frame(axis_world: FloatArray, origin_world: FloatArray) -> FloatArray:
-    """T_world_joint (4, 4) with z along a unit axis; the heading of x is arbitrary."""
-    z = axis_world / np.linalg.norm(axis_world)
-    x = cross(z, np.eye(3)[int(np.argmin(np.abs(z)))])
-    x /= np.linalg.norm(x)
-    T = np.eye(4)
-    T[:3, :3] = np.stack([x, cross(z, x), z], axis=1)
-    T[:3, 3] = origin_world
-    return T
 
 
 def guesses_from_motion(motion: RigidMotion) -> list[JointGuess]:
@@ -62,7 +32,7 @@ def guesses_from_motion(motion: RigidMotion) -> list[JointGuess]:
     circle = _circle_about(axis, path[motion.known])
     if circle is not None:
         pivots.append(circle)
-    guesses += [_guess("revolute", axis, pivot, q, motion.known) for pivot in pivots]
+    guesses += [_guess(JointKind.REVOLUTE, axis, pivot, q, motion.known) for pivot in pivots]
     return guesses
 
 
@@ -85,7 +55,7 @@ def guesses_from_path(path: FloatArray, known: BoolArray) -> list[JointGuess]:
     side = cross(normal, directions[0])
     pivots += [centre + sign * r * side for r in _FAR_HINGES_M for sign in (1.0, -1.0)]
     return guesses + [
-        _guess("revolute", normal, pivot, _angles(path, normal, pivot), known)
+        _guess(JointKind.REVOLUTE, normal, pivot, _angles(path, normal, pivot), known)
         for pivot in pivots
         if pivot is not None
     ]
@@ -97,7 +67,7 @@ def _straight(path: FloatArray, known: BoolArray) -> tuple[JointGuess, FloatArra
     centre = points.mean(axis=0)
     _, _, directions = np.linalg.svd(points - centre, full_matrices=False)
     along = (path - centre) @ directions[0]
-    return _guess("prismatic", directions[0], points[0], along, known), directions
+    return _guess(JointKind.PRISMATIC, directions[0], points[0], along, known), directions
 
 
 def _angles(path: FloatArray, axis: FloatArray, pivot: FloatArray) -> FloatArray:
@@ -110,12 +80,12 @@ def _angles(path: FloatArray, axis: FloatArray, pivot: FloatArray) -> FloatArray
 
 
 def _guess(
-    kind: str, axis: FloatArray, origin: FloatArray, q: FloatArray, known: BoolArray
+    kind: JointKind, axis: FloatArray, origin: FloatArray, q: FloatArray, known: BoolArray
 ) -> JointGuess:
     """A guess with states zero in frame 0, unknown frames filled in between their neighbours."""
     t = np.arange(q.size)
     q = np.interp(t, t[known], q[known])
-    return JointGuess(kind, joint_frame(axis, origin), q - q[0])
+    return JointGuess(Joint(kind, joint_frame(axis, origin), 0.0), q - q[0])
 
 
 def _pivot_of_motion(motion: RigidMotion, axis: FloatArray, centroid: FloatArray) -> FloatArray:

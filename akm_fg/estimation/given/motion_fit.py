@@ -12,15 +12,16 @@ and metres, far hinges lie along a curved valley in which rho and all q_t must c
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import gtsam
 import numpy as np
 
 from akm_fg.estimation.config import PriorConfig
-from akm_fg.estimation.given.initial_guess import MAX_RADIUS_M, JointGuess, joint_frame
+from akm_fg.estimation.given.guesses import MAX_RADIUS_M
+from akm_fg.geometry.joint_guess import JointGuess, joint_frame
 from akm_fg.records import FloatArray
-from factors.joint_motion import cross, motion_jacobians, part_motion
+from factors.joint import Joint, JointKind, cross
 from factors.measurements.orientation_track import log_so3
 from factors.motion_information import MotionInformation
 from factors.priors.pitch_prior import pitch_prior_residual
@@ -30,7 +31,6 @@ _TOLERANCE = 0.02  # nats gained by a step that is the last
 _RELATIVE_TOLERANCE = 1e-3  # of a cost that no joint of this kind will bring down
 _MAX_DAMPING = 1e6
 _MAX_LOG_STEP = 1.5  # of the hinge distance in one step
-JOINT_COORDINATES = {"prismatic": 2, "revolute": 4, "helical": 5}
 
 
 @dataclass(frozen=True, slots=True)
@@ -85,18 +85,18 @@ def evaluate(
     guess: JointGuess, motions: MotionInformation, centroid_world: FloatArray, prior: PriorConfig
 ) -> MotionFit:
     """What a guess costs; arguments as of `fit_to_motions`."""
-    T, rho = nearest_origin(guess, centroid_world)
-    guess = JointGuess(guess.kind, T, guess.q, guess.pitch)
-    R, t = part_motion(guess.kind, T, guess.q, guess.pitch)
+    T, rho = nearest_origin(guess.joint, centroid_world)
+    joint = replace(guess.joint, T_world_joint=T)
+    R, t = joint.motion(guess.q)
     R_free_t = motions.R_world.transpose(0, 2, 1)
     t_free = (R_free_t @ (t - motions.t_world)[:, :, None])[:, :, 0]
     d = log_se3(R_free_t @ R, t_free).ravel()
     cost = float(d @ (2 * motions.gradient + motions.information @ d))
-    if guess.kind != "prismatic":
+    if joint.kind.turns:
         cost += (math.log(rho / prior.hinge_distance_m) / prior.hinge_distance_sigma_log) ** 2
-    if guess.kind == "helical":
-        cost += pitch_prior_residual(guess.pitch, prior.pitch_sigma_m_per_rad)[0] ** 2
-    return MotionFit(guess, d, rho, cost)
+    if joint.kind.has_pitch:
+        cost += pitch_prior_residual(joint.pitch, prior.pitch_sigma_m_per_rad)[0] ** 2
+    return MotionFit(JointGuess(joint, guess.q), d, rho, cost)
 
 
 def bent_drawer(
@@ -108,10 +108,10 @@ def bent_drawer(
     and leaves the line by s_t^2 / 2 (k x a): linear in k. Its hinge is 1 / |k| away along k x a.
     """
     guess = drawer.guess
-    a, s, T = guess.T_world_joint[:3, 2], guess.q, guess.q.size
-    across = guess.T_world_joint[:3, :2].T
+    a, s, T = guess.joint.axis, guess.q, guess.q.size
+    across = guess.joint.T_world_joint[:3, :2].T
     J = np.zeros((T, 6, 4))  # by the tilt of the axis and by the curvature
-    J[:, :, :2] = motion_jacobians("prismatic", guess.T_world_joint, s)[0][:, :, :2]
+    J[:, :, :2] = guess.joint.motion_jacobians(s)[0][:, :, :2]
     for i, k in enumerate(across):
         J[:, :3, 2 + i] = s[:, None] * k
         J[:, 3:, 2 + i] = s[:, None] * cross(centroid_world, k)
@@ -125,16 +125,16 @@ def bent_drawer(
     rho = 1 / max(float(np.linalg.norm(k)), 1 / MAX_RADIUS_M)
     n = k / max(float(np.linalg.norm(k)), 1e-12)
     hinge = centroid_world + rho * cross(n, a)
-    return JointGuess("revolute", joint_frame(n, hinge), s / rho)
+    return JointGuess(Joint(JointKind.REVOLUTE, joint_frame(n, hinge), 0.0), s / rho)
 
 
-def nearest_origin(guess: JointGuess, centroid_world: FloatArray) -> tuple[FloatArray, float]:
+def nearest_origin(joint: Joint, centroid_world: FloatArray) -> tuple[FloatArray, float]:
     """T_world_joint (4, 4) with its origin on the axis nearest to the centroid, and the distance.
 
     x points away from the centroid. Of a prismatic joint: the centroid itself, and 1.
     """
-    T = guess.T_world_joint.copy()
-    if guess.kind == "prismatic":
+    T = joint.T_world_joint.copy()
+    if not joint.kind.turns:
         T[:3, 3] = centroid_world
         return T, 1.0
     z, offset = T[:3, 2], T[:3, 3] - centroid_world
@@ -153,24 +153,22 @@ def _normal_equations(
 ) -> tuple[FloatArray, FloatArray]:
     """Information and gradient over (tilt x, tilt y, [log rho, bearing, [pitch,]] s_1..)."""
     guess, rho = fit.guess, fit.rho
-    T, hinged = guess.q.size, guess.kind != "prismatic"
-    by_xi, by_state, by_pitch = motion_jacobians(
-        guess.kind, guess.T_world_joint, guess.q, guess.pitch
-    )
-    J = np.empty((T, 6, JOINT_COORDINATES[guess.kind]))
+    T, hinged = guess.q.size, guess.kind.turns
+    by_xi, by_state, by_pitch = guess.joint.motion_jacobians(guess.q)
+    J = np.empty((T, 6, guess.kind.coordinates))
     J[:, :, :2] = by_xi[:, :, :2]
     if hinged:  # x points away from the part, y across; the arcs are held
         J[:, :, 2] = rho * by_xi[:, :, 3] - guess.q[:, None] * by_state
         J[:, :, 3] = rho * by_xi[:, :, 4]
-    if guess.kind == "helical":
+    if guess.kind.has_pitch:
         J[:, :, 4] = by_pitch
     H, g = _with_states(J.reshape(6 * T, -1), by_state[0] / rho, fit.corrections, motions)
     if hinged:
         precision = prior.hinge_distance_sigma_log**-2
         H[2, 2] += precision
         g[2] += precision * math.log(rho / prior.hinge_distance_m)
-    if guess.kind == "helical":
-        e, slope = pitch_prior_residual(guess.pitch, prior.pitch_sigma_m_per_rad)
+    if guess.kind.has_pitch:
+        e, slope = pitch_prior_residual(guess.joint.pitch, prior.pitch_sigma_m_per_rad)
         H[4, 4] += slope**2
         g[4] += slope * e
     return H, g
@@ -202,9 +200,9 @@ def _with_states(
 def _stepped(fit: MotionFit, step: FloatArray) -> JointGuess:
     """The guess moved by a step over the coordinates of `_normal_equations`."""
     guess, rho = fit.guess, fit.rho
-    T = guess.T_world_joint.copy()
-    arcs, new_rho = step[JOINT_COORDINATES[guess.kind] :], rho
-    if guess.kind != "prismatic":
+    T = guess.joint.T_world_joint.copy()
+    arcs, new_rho = step[guess.kind.coordinates :], rho
+    if guess.kind.turns:
         new_rho = rho * math.exp(min(max(float(step[2]), -_MAX_LOG_STEP), _MAX_LOG_STEP))
         bearing = float(step[3])
         centroid = T[:3, 3] - rho * T[:3, 0]
@@ -213,8 +211,8 @@ def _stepped(fit: MotionFit, step: FloatArray) -> JointGuess:
         )
     T[:3, :3] = T[:3, :3] @ gtsam.Rot3.Expmap(np.array([step[0], step[1], 0.0])).matrix()
     q = (rho * guess.q + np.concatenate([[0.0], arcs])) / new_rho
-    pitch = guess.pitch + float(step[4]) if guess.kind == "helical" else 0.0
-    return JointGuess(guess.kind, T, q, pitch)
+    pitch = guess.joint.pitch + float(step[4]) if guess.kind.has_pitch else 0.0
+    return JointGuess(Joint(guess.kind, T, pitch), q)
 
 
 def log_se3(R: FloatArray, t: FloatArray) -> FloatArray:

@@ -1,23 +1,26 @@
-"""What is known of a part besides its tracks and its surface; see docs/decisions/0006.
+"""State knowledge: how the states move, and between which limits; see docs/decisions/0006.
 
-The records are over all T frames of the input. What a graph needs of them depends on the kind (a
-door's state is an angle, a drawer's a length) and on the graph's frames: `state_priors`.
+What a graph needs of it depends on the kind (a door's state is an angle, a drawer's a length) and
+on the graph's frames: `state_priors`.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
+from typing import ClassVar
 
 import gtsam
 import numpy as np
 from numpy.typing import NDArray
 
-from akm_fg.estimation.config import FitConfig, GraspConfig
-from akm_fg.records import FloatArray, PointTracks
-from factors.measurements.static_part import static_scale
-from factors.measurements.track_cost import TrackObservations
+from akm_fg.estimation.joint_prior import log_state_prior
+from akm_fg.estimation.sources.source import At, Contribution, Part, Source, Term
+from akm_fg.geometry.joint_guess import JointGuess
+from akm_fg.records import FloatArray
+from factors.joint import JointKind
+from factors.joint_variables import JointVariables
 from factors.priors.joint_limits import joint_limits_factor, joint_limits_residual
 from factors.priors.state_motion import (
     StateMotionPrior,
@@ -27,44 +30,10 @@ from factors.priors.state_motion import (
     white_noise_acceleration_prior,
 )
 
-_STATIC_TRACKS = 20  # tell the level to three percent, in 8 ms
-_STATIC_FRAMES = 20
+STATES = "state knowledge"
 # Beyond a limit. Noise of z standard deviations s takes a state that is at its stop z s w / (w^2 +
 # s^2) widths w past it, at most z / 2: this is three standard deviations.
 _PASSED_WIDTHS = 1.5
-
-
-@dataclass(frozen=True, slots=True)
-class NoiseLevel:
-    """How noisy the tracks are, known from elsewhere: a scaled inverse chi-square on the variance.
-
-    As if `observations` numbers of this scale had been seen beside the tracks. The standard
-    deviation of the scale's logarithm is (2 observations)^(-1/2).
-    """
-
-    scale: float  # on the given standard deviations
-    observations: float
-
-    def log_density(self, scale: float) -> float:
-        """Of a scale, over that of the most probable one."""
-        ratio2 = (self.scale / scale) ** 2
-        return 0.5 * self.observations * (math.log(ratio2) - ratio2 + 1)
-
-
-@dataclass(frozen=True, slots=True)
-class GripperPoses:
-    """Where the gripper was while it held the part, by the robot's own joints."""
-
-    T_world_gripper: FloatArray  # (T, 4, 4); frames outside the hold are not looked at
-    grasp_frames: tuple[int, int]  # first and last frame in which it holds
-    noise: GraspConfig = field(default_factory=GraspConfig)
-
-    def __post_init__(self) -> None:
-        T, (first, last) = len(self.T_world_gripper), self.grasp_frames
-        if self.T_world_gripper.shape != (T, 4, 4):
-            raise ValueError(f"gripper poses {self.T_world_gripper.shape}, expected (T, 4, 4)")
-        if not 0 <= first <= last < T:
-            raise ValueError(f"grasp_frames {self.grasp_frames} outside 0..{T - 1}")
 
 
 @dataclass(frozen=True, slots=True)
@@ -99,7 +68,7 @@ class StateLimits:
 
 
 @dataclass(frozen=True, slots=True)
-class StateKnowledge:
+class StateKnowledge(Source):
     """How the states move, and between which limits.
 
     The motion is in metres that the part moves (root mean square over its points) whatever the
@@ -111,6 +80,7 @@ class StateKnowledge:
     sigma_m_per_s_three_halves: float | None = None  # white noise on acceleration: sd of velocity's
     limits_m: StateLimits | None = None  # of a drawer
     limits_rad: StateLimits | None = None  # of a door or a screw
+    name: ClassVar[str] = STATES
 
     def __post_init__(self) -> None:
         walk, acceleration = self.sigma_m_per_sqrt_s, self.sigma_m_per_s_three_halves
@@ -125,30 +95,34 @@ class StateKnowledge:
         if self.stamps_s is not None and not (np.diff(self.stamps_s) > 0).all():
             raise ValueError("stamps_s must grow strictly")
 
-    def limits(self, kind: str) -> StateLimits | None:
+    def limits(self, kind: JointKind) -> StateLimits | None:
         """Those in the unit of a kind's state."""
-        return self.limits_m if kind == "prismatic" else self.limits_rad
+        return self.limits_rad if kind.turns else self.limits_m
 
-
-@dataclass(frozen=True, slots=True)
-class Knowledge:
-    """All of it; each field may be missing, and then changes nothing."""
-
-    noise_level: NoiseLevel | None = None
-    gripper: GripperPoses | None = None
-    states: StateKnowledge | None = None
+    def term(self, guess: JointGuess, part: Part, previous: Contribution | None) -> Term | None:
+        """The priors of one kind's states; what a state is in metres is taken at the guess."""
+        metres = part.metres_per_unit(guess)
+        priors = state_priors(self, guess.kind, part.keyframes, metres)
+        return None if priors is None else StateTerm(priors, part)
 
     def check(self, frames: int) -> None:
-        """Refuse what is not over the input's frames.
+        """Refuse stamps of another number of frames.
 
         Raises:
-            ValueError: gripper poses or stamps of another number of frames.
+            ValueError: they are.
         """
-        if self.gripper is not None and len(self.gripper.T_world_gripper) != frames:
-            raise ValueError(f"{len(self.gripper.T_world_gripper)} gripper poses, {frames} frames")
-        stamps = None if self.states is None else self.states.stamps_s
-        if stamps is not None and stamps.shape != (frames,):
-            raise ValueError(f"stamps {stamps.shape}, expected ({frames},)")
+        if self.stamps_s is not None and self.stamps_s.shape != (frames,):
+            raise ValueError(f"stamps {self.stamps_s.shape}, expected ({frames},)")
+
+    def warnings(self, kind: str, q: FloatArray) -> list[str]:
+        """One where the states contradict the limits."""
+        limits = None if kind == "rigid" else self.limits(JointKind(kind))
+        if limits is None or not limits.passed(q):
+            return []
+        return [
+            f"{kind} joint: states from {q.min():.3g} to {q.max():.3g} pass the given limits "
+            f"{limits.lower} to {limits.upper}"
+        ]
 
 
 @dataclass(frozen=True, slots=True)
@@ -169,7 +143,7 @@ class StatePriors:
         return factors
 
     def log_density(self, q: FloatArray, log_flat: float) -> float:
-        """Log prior density of the T - 1 states that are free.
+        """Log prior density of the T - 1 states that are free, over the flat one.
 
         The motion's density where there is one, the flat one in the directions it leaves open;
         limits only take away: what lies between them has the density it had.
@@ -178,13 +152,13 @@ class StatePriors:
             q: (T,) states.
             log_flat: log density of one state, see `laplace.log_state_prior`.
         """
-        total = (q.size - 1) * log_flat
+        total = 0.0
         if self.motion is not None:
             e, A = state_motion_residual(self.motion, q)
             A, rows = A[:, 1:], A.shape[0]
             open_states = np.eye(q.size - 1)[rows:]
             log_volume = float(np.linalg.slogdet(np.vstack([A, open_states]))[1])
-            total = len(open_states) * log_flat + log_volume
+            total = log_volume - rows * log_flat
             total -= 0.5 * (rows * math.log(2 * math.pi) + float(e @ e))
         if self.limits is not None:
             ends = (self.limits.lower, self.limits.upper)
@@ -205,7 +179,7 @@ class StatePriors:
 
 
 def state_priors(
-    states: StateKnowledge | None, kind: str, keyframes: NDArray[np.int_], metres_per_unit: float
+    states: StateKnowledge, kind: JointKind, keyframes: NDArray[np.int_], metres_per_unit: float
 ) -> StatePriors | None:
     """The priors of one kind's states; None where nothing is known of them.
 
@@ -215,8 +189,6 @@ def state_priors(
         keyframes: (K,) frames in the graph.
         metres_per_unit: how far the part moves when the state grows by one.
     """
-    if states is None:
-        return None
     motion = None
     walk, acceleration = states.sigma_m_per_sqrt_s, states.sigma_m_per_s_three_halves
     if states.stamps_s is not None:
@@ -229,38 +201,32 @@ def state_priors(
     return None if motion is None and limits is None else StatePriors(motion, limits)
 
 
-def passed_limits(states: StateKnowledge | None, kind: str, q: FloatArray) -> list[str]:
-    """A warning where the states (T,) of a kind contradict its limits."""
-    limits = None if states is None or kind == "rigid" else states.limits(kind)
-    if limits is None or not limits.passed(q):
-        return []
-    return [
-        f"{kind} joint: states from {q.min():.3g} to {q.max():.3g} pass the given limits "
-        f"{limits.lower} to {limits.upper}"
-    ]
+class StateTerm(Term):
+    """The priors of one kind's states in its graph."""
 
+    name = STATES
 
-def noise_level_of_static(static: PointTracks, config: FitConfig) -> NoiseLevel | None:
-    """The level at which the points that rest are seen; None where they do not tell one.
+    def __init__(self, priors: StatePriors, part: Part) -> None:
+        self._priors, self._part = priors, part
 
-    Args:
-        static: T frames of tracks of what does not move.
-        config: tuning.
-    """
-    T = static.observed.shape[0]
-    frames = np.unique(np.linspace(0, T - 1, min(T, _STATIC_FRAMES)).astype(int))
-    seen = np.flatnonzero(static.observed[frames].sum(axis=0) >= 2)
-    if seen.size == 0:
-        return None
-    some = seen[
-        np.unique(np.linspace(0, seen.size - 1, min(seen.size, _STATIC_TRACKS)).astype(int))
-    ]
-    tracks = TrackObservations.from_points(
-        static.p_world[frames][:, some], static.cov_world[frames][:, some]
-    )
-    try:
-        found = static_scale(tracks, config.dof)
-    except ValueError:  # points that do not jitter at all: their noise is not that of the part
-        return None
-    variance = found.log_scale_sd**2 + config.moving_noise_sd_log**2
-    return NoiseLevel(config.moving_noise * math.exp(found.log_scale), 0.5 / variance)
+    def factors(self, variables: JointVariables, scale: float) -> list[gtsam.NonlinearFactor]:
+        """None where nothing moved: there are no states."""
+        return self._priors.factors(variables.state_keys) if variables.free else []
+
+    def contribution(self, at: At, freedom: float) -> Contribution:
+        """Information on the states, and their density over the flat one."""
+        free, q = at.variables.free, at.guess.q
+        if not free:
+            return Contribution(information=np.zeros((0, 0)), held=np.zeros(0))
+        tied = self._priors.information(q)
+        size = at.columns.size
+        information = np.zeros((size, size))
+        information[-len(free) :, -len(free) :] = tied
+        metres = self._part.metres_per_unit(at.guess)
+        log_flat = log_state_prior(q, metres, self._part.config.prior)
+        return Contribution(
+            information=information,
+            held=np.zeros(len(free)),
+            tied=tied,
+            log_states=self._priors.log_density(q, log_flat),
+        )
