@@ -119,3 +119,17 @@ def test_probabilities_sum_to_one_and_states_cover_every_frame():
 def test_one_pose_is_not_enough():
     with pytest.raises(TracksLost, match=r"hatch: one frame"):
         fit_poses(PoseTrack(np.zeros((1, 3))), name="hatch")
+
+
+def test_what_positions_err_by_does_not_sharpen_orientations():
+    """The axis of a hinge known by its orientations: inside its 95 % region as often as that says.
+
+    The share of the travel that a path may be off makes the positions' residuals small against
+    their noise; their correction once made orientations ten times as sure as they were.
+    """
+    inside = 0
+    for seed in range(15):
+        poses, axis, _, _ = _handle(seed, "revolute", 1.0, 40, noise_m=0.002, noise_rad=0.005)
+        joint = fit_poses(poses).alternatives["revolute"].joint
+        inside += np.arccos(min(abs(joint.axis @ axis), 1.0)) <= joint.axis_bound_rad()
+    assert inside >= 12  # of binomial(15, 0.95), 12 or more in 99.5 of 100 cases
