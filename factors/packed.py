@@ -67,10 +67,3 @@ def multiples_of_identity(packed: Array) -> bool:
     """Whether packed matrices (6, ...) are all multiples of the identity."""
     a, b, c, d, e, f = packed
     return bool((a == d).all() and (a == f).all() and not (b.any() or c.any() or e.any()))
-
-
-def six(packed: Array) -> Array:
-    """Packed (T, 6, N) of either form."""
-    if packed.shape[1] == 6:
-        return packed
-    return packed * np.array([1.0, 0.0, 0.0, 1.0, 0.0, 1.0])[:, None]

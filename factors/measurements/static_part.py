@@ -1,12 +1,12 @@
-"""Static-part factor: what does not move stays where it is, and tells the noise level.
+"""Static part: what does not move stays where it is, and tells the noise level.
 
 Claim: N points, observed in T frames with known relative 3x3 covariances, do not move in world:
-p_tn = x_n + s * noise, the x_n latent, s the scale on the given standard deviations. Variable:
-log_scale = log s (double). For the moving part this is the hypothesis that nothing moved; for the
+p_tn = x_n + s * noise, the x_n latent, s the scale on the given standard deviations. Unknown:
+log_scale = log s. For the moving part this is the hypothesis that nothing moved; for the
 background it measures the scale that the moving part's factors assume.
 
 The noise is the Student-t of all observation factors, nu degrees of freedom. With the latent points
-marginalised, half the factor's squared error is, up to a constant,
+marginalised, half the squared error is, up to a constant,
 
     F(lambda) = 1/2 sum_tn rho(d2_tn) + 3 m lambda,    lambda = log_scale,
     d2_tn = (p_tn - x_n)^T cov_tn^-1 (p_tn - x_n) e^(-2 lambda),
@@ -28,11 +28,8 @@ log of the scale is off by -0.004 for ten observations a point, -0.02 for four, 
 kappa = 1 it is 0.04, 0.10 and 0.19, which is 1.3 to 2.3 of its standard deviations.
 
 The information is the expected one, 6 m nu / (nu + 5) (Lange, Little and Taylor, Robust statistical
-modeling using the t distribution, 1989), so that the linearised factor has the posterior's
-variance. Where the scale is much too small that information is too little for the slope, and
-F'^2 / 2 F is taken, F counted so that 2 F is 3 m at its minimum, what a chi-square would have: the
-Gauss-Newton information of the single residual sqrt(2 F). GTSAM sees two rows
-(`square_root_rows`).
+modeling using the t distribution, 1989): its inverse is the variance of log_scale. It is no factor
+of a graph: one number is solved for directly.
 """
 
 from __future__ import annotations
@@ -40,14 +37,12 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-import gtsam
 import numpy as np
 from numpy.typing import NDArray
 
-from factors.adapter import make_factor, square_root_rows
 from factors.measurements.track_cost import TrackObservations, best_reference
-from factors.packed import inverse_and_determinant, times
-from factors.student_t import log_normaliser, twice_negative_log_kernel, weight
+from factors.packed import times
+from factors.student_t import twice_negative_log_kernel, weight
 
 Array = NDArray[np.float64]
 
@@ -133,62 +128,6 @@ def static_scale(tracks: TrackObservations, dof: float) -> StaticScale:
         if change < SCALE_TOLERANCE:
             break
     return StaticScale(log_scale, here.information**-0.5, here.cost, here.x_world)
-
-
-def static_part_log_likelihood(tracks: TrackObservations, dof: float, log_scale: float) -> float:
-    """Log of the normalised marginal likelihood: the evidence that nothing moved, at one scale.
-
-    Latent points have a flat prior of one per cubic metre; those seen less than twice are left out.
-
-    Args:
-        tracks: points of T frames.
-        dof: degrees of freedom of the Student-t noise.
-        log_scale: log of the factor on the observations' standard deviations.
-
-    Raises:
-        ValueError: as `static_scale`.
-    """
-    repeated = _repeated(tracks, dof)
-    best = static_scale(repeated, dof)
-    here = static_part_cost(repeated, dof, log_scale, best.x_world)
-    packed = repeated.information_world.swapaxes(0, 1)  # (6, T, N)
-    _, each = inverse_and_determinant(packed[:, repeated.observed])
-    _, latent = inverse_and_determinant(packed.sum(axis=1) * (dof + 3) / (dof + 5))
-    log_latents = 0.5 * float((3 * math.log(2 * math.pi) - np.log(latent)).sum())
-    log_modes = each.size * log_normaliser(dof, 3) + 0.5 * float(np.log(each).sum())
-    # Their information is that at the noise's own scale; F has its slope beside it, kappa.
-    log_latents += 3 * (1 - latent_freedom(dof)) * latent.size * best.log_scale
-    return log_modes + log_latents - here.cost
-
-
-def static_part_factor(
-    log_scale_key: int, tracks: TrackObservations, dof: float
-) -> gtsam.CustomFactor:
-    """The factor over log_scale.
-
-    Args:
-        log_scale_key: key of log_scale (double).
-        tracks: points of T frames; those seen less than twice say nothing and are left out.
-        dof: degrees of freedom of the Student-t noise.
-
-    Raises:
-        ValueError: as `static_scale`.
-    """
-    repeated = _repeated(tracks, dof)
-    best = static_scale(repeated, dof)
-    freedom = 3.0 * _spare(repeated, dof)
-    last = {"x": best.x_world}
-
-    def residual(values: gtsam.Values, want_jacobians: bool) -> tuple[Array, list[Array] | None]:
-        here = static_part_cost(repeated, dof, values.atDouble(log_scale_key), last["x"])
-        last["x"] = here.x_world  # where to start next time; saves time only
-        # Least squares want a cost that is not negative: F counts from its minimum.
-        twice_cost = 2 * (here.cost - best.cost) + freedom
-        information = max(here.information, here.gradient**2 / twice_cost)
-        A, e = square_root_rows(np.array([[information]]), np.array([here.gradient]), twice_cost)
-        return e, [A] if want_jacobians else None
-
-    return make_factor(residual, {log_scale_key: 1}, gtsam.noiseModel.Unit.Create(2))
 
 
 def latent_freedom(dof: float) -> float:

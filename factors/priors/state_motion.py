@@ -45,7 +45,6 @@ class StateMotionPrior:
 
     A: Array  # (m, T) whitened rows
     b: Array  # (m,)
-    log_normaliser: float  # log density of the m differences at its mode
 
 
 def random_walk_prior(
@@ -68,7 +67,7 @@ def random_walk_prior(
         raise ValueError(f"rate_per_s is {rate_per_s}, expected finite")
     sd = sigma_per_sqrt_s * np.sqrt(h)
     A = np.diff(np.eye(h.size + 1), axis=0) / sd[:, None]
-    return StateMotionPrior(A, rate_per_s * h / sd, _log_normaliser(sd))
+    return StateMotionPrior(A, rate_per_s * h / sd)
 
 
 def white_noise_acceleration_prior(
@@ -92,21 +91,12 @@ def white_noise_acceleration_prior(
     cov = np.diag((h[:-1] + h[1:]) / 3) + np.diag(shared, 1) + np.diag(shared, -1)
     L = sigma_per_s_three_halves * np.linalg.cholesky(cov)
     A = np.linalg.solve(L, np.diff(mean_velocity, axis=0))
-    return StateMotionPrior(A, np.zeros(h.size - 1), _log_normaliser(np.diagonal(L)))
+    return StateMotionPrior(A, np.zeros(h.size - 1))
 
 
 def state_motion_residual(prior: StateMotionPrior, q: Array) -> tuple[Array, Array]:
     """The whitened error (m,) and its Jacobian (m, T) by the states q (T,)."""
     return prior.A @ q - prior.b, prior.A
-
-
-def state_motion_log_density(prior: StateMotionPrior, q: Array) -> float:
-    """Log density of the differences of the states q (T,): the prior's part of an evidence.
-
-    Of the T - 1 increments (random walk) or the T - 2 changes of the mean velocity.
-    """
-    e, _ = state_motion_residual(prior, q)
-    return prior.log_normaliser - 0.5 * float(e @ e)
 
 
 def state_motion_factor(
@@ -152,7 +142,3 @@ def _steps(stamps_s: Array, least: int) -> Array:
 def _check_sigma(name: str, sigma: float) -> None:
     if not 0 < sigma < math.inf:
         raise ValueError(f"{name} is {sigma}, expected > 0 and finite")
-
-
-def _log_normaliser(sd: Array) -> float:
-    return -float(np.log(sd).sum()) - 0.5 * sd.size * math.log(2 * math.pi)

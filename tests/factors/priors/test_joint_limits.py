@@ -8,7 +8,6 @@ from numpy.testing import assert_allclose
 from factors.finite_differences import analytic_gradient, numeric_gradient, numeric_jacobian
 from factors.priors.joint_limits import (
     joint_limits_factor,
-    joint_limits_log_density,
     joint_limits_residual,
 )
 
@@ -90,17 +89,6 @@ def test_a_state_pushed_outside_comes_back_to_the_balance_with_the_push():
     result = gtsam.LevenbergMarquardtOptimizer(graph, _values([0.3])).optimize()
     expected = (2.0 * 0.02**2 + 1.5 * 0.1**2) / (0.02**2 + 0.1**2)
     assert_allclose(result.atDouble(_keys(1)[0]), expected, atol=1e-6)
-
-
-def test_density_integrates_to_one_and_falls_by_the_error():
-    grid = np.linspace(LOWER - 0.3, UPPER + 0.3, 4001)
-    density = np.exp([joint_limits_log_density(q, LOWER, UPPER, WIDTH) for q in grid])
-    assert_allclose(np.trapezoid(density, grid), 1.0, rtol=1e-5)
-    inside, outside = (
-        joint_limits_log_density(q, LOWER, UPPER, WIDTH) for q in (0.5, UPPER + 0.05)
-    )
-    factor = joint_limits_factor(_keys(1), LOWER, UPPER, WIDTH)
-    assert_allclose(inside - outside, factor.error(_values([UPPER + 0.05])))
 
 
 @pytest.mark.parametrize("limits", [(1.0, 0.0), (0.5, 0.5)])
