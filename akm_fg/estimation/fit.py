@@ -150,7 +150,7 @@ def fit_surface(
         problem = _knowing(problem, systematic_m, sources)
         start = problem.guesses[0]
         known = {TRACKS: problem.tracks.first_scale, SURFACE: 1.0}
-        first = FirstFit(start, np.zeros(start.q.size), known, shared=1.0)
+        first = FirstFit(start, np.zeros(start.q.size), known, as_one=1.0)
         registered = to_end(register(problem, first, surface))
         if registered is None:
             raise TracksLost(

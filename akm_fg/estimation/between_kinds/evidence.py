@@ -68,7 +68,7 @@ def rest_is_shown(fits: list[KindFit], prior: PriorConfig) -> bool:
     for fit in fits:
         free = None if fit.joint is None else _FREE_NUMBERS.get(fit.joint.kind)
         if free is not None and fit.q.size > 2:
-            limit = _largest_by_chance((fit.q.size - 1) / fit.tau, free)
+            limit = _largest_by_chance((fit.q.size - 1) / fit.as_one, free)
             if 2 * (fit.evidence.log_likelihood - rest.evidence.log_likelihood) > limit:
                 return False
             if fit.kind == JointKind.PRISMATIC and not _would_show(fit, limit, prior):
@@ -79,9 +79,9 @@ def rest_is_shown(fits: list[KindFit], prior: PriorConfig) -> bool:
 def _would_show(drawer: KindFit, limit: float, prior: PriorConfig) -> bool:
     """Whether the least motion that matters would pass the test's limit, in 99 of 100 cases."""
     states = drawer.q.size - 1
-    information = float(np.diag(drawer.information)[-states:].sum()) / drawer.tau
+    information = float(np.diag(drawer.information)[-states:].sum()) / drawer.as_one
     signal = information * prior.motion_that_matters_m**2 / 12
-    return bool(stats.ncx2.cdf(limit, states / drawer.tau, signal) <= 0.01)
+    return bool(stats.ncx2.cdf(limit, states / drawer.as_one, signal) <= 0.01)
 
 
 def _largest_by_chance(n: float, p: int) -> float:
@@ -91,7 +91,7 @@ def _largest_by_chance(n: float, p: int) -> float:
     return (root_n + root_p) ** 2 + _TRACY_WIDOM_99 * width
 
 
-def is_parametric(fit: KindFit, problem: FitProblem, tau: float) -> bool:
+def is_parametric(fit: KindFit, problem: FitProblem, as_one: float) -> bool:
     """Whether the fit's residuals are noise: a chi-square test, the worst tenth trimmed.
 
     The noise is what can be seen without assuming a joint (`local_scale`), plus a systematic
@@ -111,7 +111,7 @@ def is_parametric(fit: KindFit, problem: FitProblem, tau: float) -> bool:
     sigma2 = given * problem.local_scale**2 + systematic_m**2
     d2 = np.sort(e2 / sigma2)[: max(int(0.9 * e2.size), 1)]
     # Of three error components the states and latent points absorb a share: residuals shrink.
-    independent = max(d2.size / tau, 2.0) * 3 * tracks.freedom
+    independent = max(d2.size / as_one, 2.0) * 3 * tracks.freedom
     limit = stats.chi2.ppf(1 - problem.config.parametric_p_value, independent) / independent
     return bool(d2.mean() / (tracks.freedom * _trimmed_chi2_mean(3.0)) <= limit)
 

@@ -89,9 +89,9 @@ class FitProblem:
             motions=None,
         )
 
-    def counting(self, shared: float) -> FitProblem:
+    def counting(self, as_one: float) -> FitProblem:
         """The problem with the others weighed for tracks of which so many count as one."""
-        others = tuple(source.recounted(shared) for source in self.sources[1:])
+        others = tuple(source.recounted(as_one) for source in self.sources[1:])
         return replace(self, sources=(self.sources[0], *others))
 
 

@@ -140,7 +140,7 @@ def register(
         source = SurfaceSource(seen.patches, at, 1.0, scale, problem.config)
         source, cost = _rescaled(source, R[at], t[at])
         scale = source.first_scale
-        together = readings_as_one(cost, seen.patches, seen.uv) / first.shared
+        together = readings_as_one(cost, seen.patches, seen.uv) / first.as_one
         source = replace(source, count_as_one=max(together, 1e-3))
         problem = _about_surface(problem, cost)
         motions = _motions(problem, R, t, source, cost, first)

@@ -36,7 +36,7 @@ class KindFit:
     log_flat: float  # prior density of all free states, where nothing is known of them
     log_det: float  # of `information`
     log_held: float  # log det of the information on the states, all else held
-    tau: float = 1.0  # observations of the tracks (neighbours in time and space) that count as one
+    as_one: float = 1.0  # observations of the tracks that err together (in time and space)
     log_nested: float = 0.0  # see `akm_fg.estimation.between_kinds.evidence.nested_screw`
 
     @property
@@ -60,7 +60,7 @@ class KindFit:
     @property
     def track_variance_ratio(self) -> float:
         """True variances of the tracks' information over those that it claims."""
-        return self.tracks.variance_ratio(self.tau)
+        return self.tracks.variance_ratio(self.as_one)
 
     @property
     def log_likelihood(self) -> float:
@@ -79,11 +79,11 @@ class KindFit:
 
     @property
     def evidence(self) -> Evidence:
-        """Laplace evidence, one in tau observations counted.
+        """Laplace evidence, one in as_one observations counted.
 
         The marginal likelihood of joint and the sources' own variables (latent points integrated
-        out, states frame by frame) to the power 1 / tau, times their prior, integrated by Laplace's
-        method.
+        out, states frame by frame) to the power 1 / as_one, times their prior, integrated by
+        Laplace's method.
         """
         said = self.said.values()
         coordinates = 0 if self.joint is None else self.joint.kind.coordinates
@@ -93,10 +93,10 @@ class KindFit:
         log_states = self.log_flat + sum(each.log_states for each in said) + width
         log_latents = sum(each.log_latents for each in said)
         return Evidence(
-            log_likelihood=(self.log_likelihood + log_latents) / self.tau,
-            log_states=0.0 if self.joint is None else log_states / self.tau,
+            log_likelihood=(self.log_likelihood + log_latents) / self.as_one,
+            log_states=0.0 if self.joint is None else log_states / self.as_one,
             log_joint_prior=self.log_prior,
-            log_joint_volume=0.5 * fitted * math.log(2 * math.pi * self.tau) - 0.5 * log_det,
+            log_joint_volume=0.5 * fitted * math.log(2 * math.pi * self.as_one) - 0.5 * log_det,
             log_nested=self.log_nested,
             log_noise=sum(each.log_noise for each in said),
         )
@@ -122,21 +122,21 @@ class KindFit:
             return np.zeros(self.q.size)
         return np.concatenate([[0.0], np.sqrt(np.diag(self.cov)[-(self.q.size - 1) :])])
 
-    def tempered(self, tau: float) -> KindFit:
-        """With one in `tau` observations of the tracks counted, and the covariance that is true.
+    def tempered(self, as_one: float) -> KindFit:
+        """With one in `as_one` observations of the tracks counted, and the true covariance.
 
         The solution stays. Systematic errors widen the covariance alone: errors of that size bend
         what is seen a little, but do not make a door of a drawer, as counting fewer observations
         in the evidence would. See `akm_fg.estimation.sources.source`, "Covariances".
         """
         if self.joint is None:
-            return replace(self, tau=tau)
+            return replace(self, as_one=as_one)
         true = self.prior_information.copy()
         for each in self.said.values():
-            true += each.variance_ratio(tau) * each.information
+            true += each.variance_ratio(as_one) * each.information
         inverse, _ = inverted(self.joint.kind, self.information)
         cov = inverse @ true @ inverse
-        return replace(self, cov=(cov + cov.T) / 2, tau=tau)
+        return replace(self, cov=(cov + cov.T) / 2, as_one=as_one)
 
     def pointing_forward(self) -> KindFit:
         """The same joint with its axis along growing states."""

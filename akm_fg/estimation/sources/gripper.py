@@ -77,7 +77,7 @@ class GripperPoses(LateSource):
     ) -> Steps[tuple[FitProblem, FirstFit] | None]:
         """The problem with the holds, judged by the first fit."""
         yield
-        held = holds_of(self, problem.keyframes, first.guess, first.state_sd, first.shared)
+        held = holds_of(self, problem.keyframes, first.guess, first.state_sd, first.as_one)
         return None if held is None else (problem.with_source(held), first)
 
 
@@ -112,9 +112,9 @@ class GripperSource(Source):
                 holds.append(Hold(here, hold.T_world_gripper[kept]))
         return replace(self, holds=tuple(holds)) if holds else None
 
-    def recounted(self, shared: float) -> GripperSource:
+    def recounted(self, as_one: float) -> GripperSource:
         """Weighed for tracks of which so many observations count as one."""
-        return replace(self, count_as_one=self.count_as_one / shared)
+        return replace(self, count_as_one=self.count_as_one / as_one)
 
 
 def holds_of(

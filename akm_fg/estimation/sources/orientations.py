@@ -156,7 +156,7 @@ class OrientationTerm(Term):
         size = np.sqrt(np.maximum(e2, 1e-300))  # outliers are rejected: they are pulled in here
         clipped = e * np.minimum(1.0, _CLIP * np.median(size) / size)[:, None]
         seen = np.ones((len(e), 1), dtype=bool)
-        tau, _ = correlation_time(clipped[:, None], seen, _HIDDEN, 1e-300)
+        frames_as_one, _ = correlation_time(clipped[:, None], seen, _HIDDEN, 1e-300)
         return OrientationContribution(
             information=information,
             held=held,
@@ -164,7 +164,7 @@ class OrientationTerm(Term):
             - 0.5 * float(twice_negative_log_kernel(e2, dof, 3).sum()),
             own_variables=3,
             own_log_det=own_log_det,
-            variance_fixed=tau * covariance_factor(e2, dof, 3, freedom),
+            variance_fixed=frames_as_one * covariance_factor(e2, dof, 3, freedom),
             sigma_rad=scale,
             R_ref=at.values.atRot3(REFERENCE).matrix(),
         )

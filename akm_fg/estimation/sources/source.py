@@ -110,16 +110,16 @@ class Contribution:
     # True variances over those that `information` claims: fixed + per_shared * (observations of
     # the tracks that err together and count as one).
     variance_fixed: float = 1.0
-    variance_per_shared: float = 0.0
+    variance_per_as_one: float = 0.0
     readings: float = 0.0  # independent numbers that it rests on
     explained: bool | None = None  # whether its residuals are noise; None where it cannot tell
     report: Mapping[str, Any] = field(default_factory=dict)  # fields of `FitReport`
 
-    def variance_ratio(self, shared: float) -> float:
+    def variance_ratio(self, as_one: float) -> float:
         """True variances over those that `information` claims."""
-        return self.variance_fixed + self.variance_per_shared * shared
+        return self.variance_fixed + self.variance_per_as_one * as_one
 
-    def reported(self, shared: float) -> dict[str, Any]:
+    def reported(self, as_one: float) -> dict[str, Any]:
         """Fields of `FitReport`."""
         return dict(self.report)
 
@@ -203,7 +203,7 @@ class Source(ABC):
         """Over some of the graph's frames (indices, growing); None where nothing is left."""
         return self
 
-    def recounted(self, shared: float) -> Source:
+    def recounted(self, as_one: float) -> Source:
         """Weighed for tracks of which so many observations count as one."""
         return self
 
@@ -219,7 +219,7 @@ class FirstFit:
     guess: JointGuess  # the likeliest joint and its states; nothing moved: a drawer that stays shut
     state_sd: FloatArray  # (T,)
     scales: Mapping[str, float]  # of the sources' noise
-    shared: float  # observations of the tracks that err together and count as one
+    as_one: float  # observations of the tracks that err together and count as one
     moved: bool = True  # False where rest is the likeliest
 
 

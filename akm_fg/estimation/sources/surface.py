@@ -44,9 +44,9 @@ class SurfaceSource(Source):
         assert previous is None or isinstance(previous, SurfaceContribution)
         return SurfaceTerm(self, part, previous)
 
-    def recounted(self, shared: float) -> SurfaceSource:
+    def recounted(self, as_one: float) -> SurfaceSource:
         """Weighed for tracks of which so many observations count as one."""
-        return replace(self, count_as_one=max(self.count_as_one / shared, 1e-3))
+        return replace(self, count_as_one=max(self.count_as_one / as_one, 1e-3))
 
     @property
     def freedom(self) -> float:
@@ -86,9 +86,9 @@ class SurfaceContribution(Contribution):
     scale: float  # of its noise
     count_as_one: float
 
-    def reported(self, shared: float) -> dict[str, Any]:
+    def reported(self, as_one: float) -> dict[str, Any]:
         """With the readings that err together, whatever the tracks do."""
-        return {**self.report, "patches_as_one": self.count_as_one * shared}
+        return {**self.report, "patches_as_one": self.count_as_one * as_one}
 
 
 class SurfaceTerm(Term):
@@ -149,7 +149,7 @@ class SurfaceTerm(Term):
             held=held,
             log_likelihood=likelihood / source.count_as_one,
             variance_fixed=factor * beyond,
-            variance_per_shared=factor,
+            variance_per_as_one=factor,
             readings=source.readings,
             explained=scale <= config.surface_noise_limit,
             report={

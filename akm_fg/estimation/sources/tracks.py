@@ -267,7 +267,7 @@ class TrackTerm(Term):
             - 0.5 * float(twice_negative_log_kernel(cost.d2, dof, 3).sum()),
             log_latents=_log_latents(cost),
             variance_fixed=0.0,
-            variance_per_shared=factor,
+            variance_per_as_one=factor,
             readings=source.readings,
             observed=seen.observed,
             d2=cost.d2 * scale**2,

@@ -102,7 +102,7 @@ class LeadingKind:
         problem = replace(self.problem, keyframes=numbers[usable]).with_source(source)
         q = np.array([states[number] for number in numbers[usable]])
         guess = JointGuess(self.fit.moving, q - q[0])
-        fit = fit_kind(guess, problem, _of_columns(self.fit, kept)).tempered(self.fit.tau)
+        fit = fit_kind(guess, problem, _of_columns(self.fit, kept)).tempered(self.fit.as_one)
         return _of_fit(fit.pointing_forward(), problem, self.ids[kept], numbers[usable])
 
     def states(self, keyframes: Keyframes, ids: NDArray[np.int_]) -> dict[int, float]:

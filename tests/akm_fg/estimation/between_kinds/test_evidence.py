@@ -171,9 +171,9 @@ def test_each_source_widens_by_its_own_count(with_surface):
 def test_the_covariance_grows_with_either_count_and_stays_positive_definite(with_surface):
     problem, fit = with_surface
 
-    def covariance(tau, surface_m, tracks_m):
+    def covariance(as_one, surface_m, tracks_m):
         erring = _erring(problem, surface_m, tracks_m)
-        return fit_kind(fit.guess, erring, fit, "none").tempered(tau).cov
+        return fit_kind(fit.guess, erring, fit, "none").tempered(as_one).cov
 
     least = covariance(1.0, 0.0, 0.0)
     d = np.sqrt(np.diag(least))
@@ -224,7 +224,7 @@ def _erring_tracks(fit, problem, systematic_m):
     """What the tracks of a fit say, with systematic errors."""
     said, source = fit.tracks, replace(problem.tracks, systematic_m=systematic_m)
     beyond = source.systematic_points(said.scale, said.noise_variance)
-    return {TRACKS: replace(said, variance_fixed=said.variance_per_shared * beyond)}
+    return {TRACKS: replace(said, variance_fixed=said.variance_per_as_one * beyond)}
 
 
 def test_without_a_screw_or_without_its_hinge_nothing_is_weighed(door):
@@ -269,7 +269,7 @@ def test_where_the_surface_says_more_it_decides_whether_a_joint_explains(opening
 def test_rest_is_contradicted_by_more_than_noise_can_gain(gained, shown, door):
     """19 free states of a drawer: noise alone gains 24 nats or more once in a hundred times."""
     _, fits = door
-    drawer = replace(fits["prismatic"], tau=1.0)
+    drawer = replace(fits["prismatic"], as_one=1.0)
     behind = replace(drawer.tracks, log_likelihood=drawer.tracks.log_likelihood - gained)
     rest = replace(drawer, joint=None, said={TRACKS: behind})
     assert rest_is_shown([rest, drawer], PriorConfig()) is shown
@@ -284,7 +284,7 @@ def test_rest_is_named_only_where_a_centimetre_would_have_been_seen(sd_m, shown,
     standard deviation of 15 falls short of it too often, 19 + 110 with 22 does not.
     """
     _, fits = door
-    drawer = replace(fits["prismatic"], tau=1.0)
+    drawer = replace(fits["prismatic"], as_one=1.0)
     drawer = replace(drawer, information=np.eye(drawer.information.shape[0]) / sd_m**2)
     rest = replace(drawer, joint=None)
     assert rest_is_shown([rest, drawer], PriorConfig()) is shown

@@ -142,11 +142,11 @@ def test_readings_that_are_not_seen_do_not_count():
     assert _readings(np.where(seen, e, 50.0), GRID, seen) == before
 
 
-def _registered(problem, guess, surface, shared=1.0):
+def _registered(problem, guess, surface, as_one=1.0):
     """The problem with the surface, and the joint that it leads to; None where it does not."""
     known = {TRACKS: problem.tracks.first_scale, SURFACE: 1.0}
     found = to_end(
-        register(problem, FirstFit(guess, np.zeros(guess.q.size), known, shared), surface)
+        register(problem, FirstFit(guess, np.zeros(guess.q.size), known, as_one), surface)
     )
     return None if found is None else (found[0], found[1].guess)
 
@@ -194,7 +194,7 @@ def test_more_readings_alike_count_less(opening, surface_of):
     blocks = surface_of(truth, patches=1500, block_px=24)
     together = _registered(problem, start, blocks)[0].sources[1].count_as_one
     assert together > 4.0
-    half, _ = _registered(problem, start, blocks, shared=2.0)
+    half, _ = _registered(problem, start, blocks, as_one=2.0)
     assert_allclose(half.sources[1].count_as_one, together / 2, rtol=0.1)
 
 
