@@ -29,10 +29,11 @@ from akm_fg.arm.limits import LimitUsage
 from akm_fg.errors import GraspFailed, MotionInfeasible
 from akm_fg.records import FloatArray
 from experiments.rows.json_lines import append_line, whole_lines
-from sim.bullet import joint_index, p
+from sim.bullet import p
 from sim.camera.camera import CameraConfig, SimCamera
 from sim.camera.views import camera_pose, sample_view
 from sim.objects.suites.catalogue import SUITES
+from sim.robot.contacts import contacts, finger_links, nearby
 from sim.robot.franka import SimFranka
 from sim.robot.true_obstacles import true_obstacles
 from sim.world import SimWorld
@@ -96,16 +97,16 @@ def _approach(world: SimWorld, arm: SimFranka) -> ApproachRow:
     """Moves and watches until the fingers begin to close."""
     grasp, touched = world.placement.T_world_grasp, set[str]()
     recorder, infeasible, blocked = arm.record(), None, None
-    contacts = _Contacts(world)
+    watch = _ContactWatch(world)
     began, plan_s, closest_m = time.process_time(), 0.0, np.inf
     try:
         for step, _ in enumerate(arm.grasp(grasp, world.config.step_s)):
             plan_s = plan_s if step else time.process_time() - began
             if arm.gripper.squeezing:
                 break
-            touched |= contacts.forbidden(arm)
+            touched |= watch.forbidden(arm)
             if step % CLOSEST_STEPS == 0:
-                closest_m = min(closest_m, contacts.closest_m())
+                closest_m = min(closest_m, watch.closest_m())
     except MotionInfeasible as error:
         infeasible, plan_s = str(error), time.process_time() - began
     except GraspFailed as error:
@@ -120,14 +121,12 @@ def _approach(world: SimWorld, arm: SimFranka) -> ApproachRow:
     )
 
 
-class _Contacts:
-    """PyBullet's contact points of the robot, as they are after a step."""
+class _ContactWatch:
+    """The contact points of the robot, as they are after a step."""
 
     def __init__(self, world: SimWorld) -> None:
         self._world = world
-        self._fingers = [
-            joint_index(world.client, world.robot_id, f"panda_finger_joint{i}") for i in (1, 2)
-        ]
+        self._fingers = finger_links(world.client, world.robot_id)
 
     def forbidden(self, arm: SimFranka) -> set[str]:
         """Contacts with anything else but of a finger with the object, near the grasp.
@@ -135,9 +134,9 @@ class _Contacts:
         The base, which stands on floor or pedestal, is left out.
         """
         world, found = self._world, set()
-        for contact in p.getContactPoints(bodyA=world.robot_id, physicsClientId=world.client):
-            body, link, distance_m = contact[2], contact[3], contact[8]
-            if body == world.robot_id or link < 0 or distance_m > 0.0:
+        for contact in contacts(world.client, world.robot_id):
+            body, link = contact.other_body, contact.link
+            if body == world.robot_id or link < 0 or contact.distance_m > 0.0:
                 continue
             finger = link in self._fingers
             if finger and body == world.object_id and self._near(arm):
@@ -148,13 +147,9 @@ class _Contacts:
 
     def closest_m(self) -> float:
         """From the object to anything of the robot but its fingers; infinite beyond `CLOSEST_M`."""
-        near = p.getClosestPoints(
-            self._world.robot_id,
-            self._world.object_id,
-            CLOSEST_M,
-            physicsClientId=self._world.client,
-        )
-        return min((x[8] for x in near if x[3] not in self._fingers), default=np.inf)
+        world = self._world
+        near = nearby(world.client, world.robot_id, world.object_id, CLOSEST_M)
+        return min((x.distance_m for x in near if x.link not in self._fingers), default=np.inf)
 
     def _near(self, arm: SimFranka) -> bool:
         grasp = self._world.placement.T_world_grasp

@@ -32,10 +32,10 @@ from experiments.pages.tables import markdown, percent
 from experiments.rows.json_lines import append_line, whole_lines
 from experiments.rows.provenance import note_run
 from experiments.scores.statistics import share
-from sim.bullet import p
 from sim.episode import SimEpisode, open_world
 from sim.objects.placement import opened
 from sim.objects.suites.catalogue import SUITES
+from sim.robot.contacts import contacts, link_name
 from sim.robot.slip import SlipGauge
 from sim.robot.true_obstacles import true_obstacles
 
@@ -138,12 +138,9 @@ class _Trial:
         world = self.episode.world
         fingers = set(self.episode.arm.gripper.joints)
         for _ in motion:
-            contacts = p.getContactPoints(
-                world.robot_id, world.object_id, physicsClientId=world.client
-            )
-            for link in {c[3] for c in contacts} - fingers:
-                info = p.getJointInfo(world.robot_id, link, physicsClientId=world.client)
-                self.touched.add(info[12].decode())
+            touching = contacts(world.client, world.robot_id, world.object_id)
+            for link in {contact.link for contact in touching} - fingers:
+                self.touched.add(link_name(world.client, world.robot_id, link))
 
 
 def read_rows(file: Path) -> list[PullRow]:

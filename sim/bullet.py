@@ -38,11 +38,8 @@ def quiet() -> Iterator[None]:
 
 with quiet():
     import pybullet
-    import pybullet_data
 
 p: Any = pybullet
-
-PANDA_URDF = Path(pybullet_data.getDataPath()) / "franka_panda" / "panda.urdf"
 
 
 def connect() -> int:

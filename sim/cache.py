@@ -20,6 +20,8 @@ import time
 from collections.abc import Callable
 from pathlib import Path
 
+import akm_fg.arm
+
 LOG = logging.getLogger(__name__)
 
 SCRATCH = ".making-"  # names of entries that are not whole yet begin so
@@ -76,9 +78,12 @@ def digest(*parts: str | bytes) -> str:
 
 @functools.cache
 def code_digest() -> str:
-    """Of everything that makes objects: all of this package, and the versions of what it uses."""
-    root = Path(__file__).parent
-    sources = [path.read_bytes() for path in sorted(root.rglob("*.py"))]
+    """Of everything that makes and places objects, and the versions of what that uses.
+
+    All of this package, and the arm's, which says where it reaches.
+    """
+    rooms = (Path(__file__).parent, Path(akm_fg.arm.__file__).parent)
+    sources = [path.read_bytes() for room in rooms for path in sorted(room.rglob("*.py"))]
     return digest(*(f"{name} {_version(name)}" for name in DEPENDENCIES), *sources)
 
 

@@ -12,7 +12,9 @@ import cv2
 import gtsam
 import numpy as np
 
-from akm_fg.arm.kinematics import N_ARM, Q_HOME, FrankaKinematics
+from akm_fg.arm.description import franka_description
+from akm_fg.arm.kinematics import Q_HOME, FrankaKinematics
+from akm_fg.arm.model import N_ARM
 from akm_fg.records import JointTruth
 from sim.bullet import connect, joint_index, load_urdf, p, quaternion_xyzw
 from sim.camera.robot_meshes import light_panda_urdf
@@ -23,6 +25,7 @@ from sim.objects.meshes import Box, write_textured_boxes
 from sim.objects.staging import find_spec, stage
 from sim.objects.textures import Rgb, floor, plaster
 from sim.objects.urdf_files import PART_JOINT
+from sim.robot.contacts import finger_links
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,7 +73,8 @@ class SimWorld:
         """Finds the object; files are read (`sim.objects.staging`), nothing is built yet."""
         self.spec: PartSpec = find_spec(object_name, seed, joint, options)
         self.config = config or WorldConfig()
-        self.kinematics = FrankaKinematics()
+        self.arm_description = franka_description()  # of what PyBullet loads
+        self.kinematics = FrankaKinematics(description=self.arm_description)
         self._steps = 0
         self._entered = False
         self.still: list[tuple[Path, gtsam.Pose3]] = []  # looks of what never moves
@@ -85,7 +89,7 @@ class SimWorld:
         self._set_physics()
         self.robot_id = load_urdf(
             self.client,
-            light_panda_urdf(),
+            light_panda_urdf(self.arm_description),
             gtsam.Pose3(),
             p.URDF_USE_INERTIA_FROM_FILE,
             keep_files=True,
@@ -258,8 +262,7 @@ class SimWorld:
             )
         for j in range(N_ARM):
             p.resetJointState(self.robot_id, j, Q_HOME[j], physicsClientId=self.client)
-        for name in ("panda_finger_joint1", "panda_finger_joint2"):
-            finger = joint_index(self.client, self.robot_id, name)
+        for finger in finger_links(self.client, self.robot_id):
             p.resetJointState(self.robot_id, finger, 0.04, physicsClientId=self.client)
             p.changeDynamics(
                 self.robot_id,

@@ -18,14 +18,10 @@ import numpy as np
 import pinocchio as pin
 from scipy.spatial import ConvexHull
 
-from akm_fg.arm.kinematics import N_ARM
+from akm_fg.arm.description import ArmDescription, franka_description
+from akm_fg.arm.model import N_ARM, ROBOT_LINKS, read_meshes, read_model
 from akm_fg.records import BoolArray, FloatArray
-from sim.bullet import PANDA_URDF
 
-HAND = "panda_hand"
-FINGERS = ("panda_leftfinger", "panda_rightfinger")
-ARM_LINKS = tuple(f"panda_link{i}" for i in range(8))
-ROBOT_LINKS = (*ARM_LINKS, HAND, *FINGERS)
 # The pairs of parts that can meet within the joint limits, by place in ROBOT_LINKS; no others do
 # (a test looks for them). Folded back, wrist and hand can reach the base, the shoulder and link 2;
 # link 5's long body can meet flange, hand and fingers.
@@ -52,7 +48,11 @@ class ArmCollisions:
     """The arm, its fingers open, among obstacles. Keeps no reference to a simulator."""
 
     def __init__(
-        self, obstacles: Sequence[Obstacle], margin_m: float, fingers_m: float = 0.04
+        self,
+        obstacles: Sequence[Obstacle],
+        margin_m: float,
+        fingers_m: float = 0.04,
+        description: ArmDescription | None = None,
     ) -> None:
         """Takes the arm's hulls and the obstacles together.
 
@@ -60,8 +60,13 @@ class ArmCollisions:
             obstacles: what is around; the base is never checked, it does not move.
             margin_m: that the arm keeps from obstacles; from itself it keeps none.
             fingers_m: travel of either finger.
+            description: of the arm; without one, the Franka of the installed PyBullet's data.
+
+        Raises:
+            MissingDependency: no description is given, and none is installed.
+            InputError: the description cannot be read.
         """
-        self._model, hulls = _robot()
+        self._model, hulls = _robot(description or franka_description())
         self._data = self._model.createData()
         self._geometry = hulls.copy()
         n_robot = self._geometry.ngeoms
@@ -126,13 +131,21 @@ def resampled(q: FloatArray, step_m: float) -> FloatArray:
     return np.column_stack([np.interp(at, way, q[:, j]) for j in range(q.shape[1])])
 
 
-def inside_arm(p_world: FloatArray, q: FloatArray, slack_m: float) -> BoolArray:
+def inside_arm(
+    p_world: FloatArray,
+    q: FloatArray,
+    slack_m: float,
+    description: ArmDescription | None = None,
+) -> BoolArray:
     """(N,) which points (N, 3) lie in the arm at joint angles (7,), or within about `slack_m`.
 
     The hulls' faces are moved outwards by `slack_m`. The base, which never moves, is left out.
     """
+    described = description or franka_description()
     inside = np.zeros(len(p_world), dtype=bool)
-    for placement, (corners, faces) in zip(_placements(q), _solids(), strict=True):
+    for placement, (corners, faces) in zip(
+        _placements(q, described), _solids(described), strict=True
+    ):
         lower, upper = corners.min(axis=0), corners.max(axis=0)
         p_link = (p_world - placement.translation) @ placement.rotation
         near = np.all((p_link > lower - slack_m) & (p_link < upper + slack_m), axis=1)
@@ -142,20 +155,23 @@ def inside_arm(p_world: FloatArray, q: FloatArray, slack_m: float) -> BoolArray:
     return inside
 
 
-def arm_corners(q: FloatArray) -> list[FloatArray]:
+def arm_corners(q: FloatArray, description: ArmDescription | None = None) -> list[FloatArray]:
     """The corners (K, 3), world, of the hull of each of the arm's parts at joint angles (7,).
 
     The base, which never moves, is left out.
     """
+    described = description or franka_description()
     return [
         corners @ placement.rotation.T + placement.translation
-        for placement, (corners, _) in zip(_placements(q), _solids(), strict=True)
+        for placement, (corners, _) in zip(
+            _placements(q, described), _solids(described), strict=True
+        )
     ]
 
 
-def _placements(q: FloatArray) -> list[pin.SE3]:
+def _placements(q: FloatArray, description: ArmDescription) -> list[pin.SE3]:
     """Of the hulls at joint angles (7,), fingers open, without the base's; in the world."""
-    model, hulls = _robot()
+    model, hulls = _robot(description)
     data, places = model.createData(), hulls.createData()
     fingers = np.full(model.nq - N_ARM, 0.04)
     pin.updateGeometryPlacements(model, data, hulls, places, np.concatenate([q, fingers]))
@@ -163,15 +179,12 @@ def _placements(q: FloatArray) -> list[pin.SE3]:
 
 
 @functools.cache
-def _robot() -> tuple[pin.Model, pin.GeometryModel]:
+def _robot(description: ArmDescription) -> tuple[pin.Model, pin.GeometryModel]:
     """The robot's model and its convex hulls, in the order of ROBOT_LINKS, with self-collisions."""
-    model = pin.buildModelFromUrdf(str(PANDA_URDF))
-    meshes = pin.buildGeomFromUrdf(
-        model, str(PANDA_URDF), pin.GeometryType.COLLISION, package_dirs=[str(PANDA_URDF.parent)]
-    )
+    model = read_model(description)
+    meshes = read_meshes(description, model)
     hulls = pin.GeometryModel()
     for link, shape in zip(ROBOT_LINKS, meshes.geometryObjects, strict=True):
-        assert shape.name.startswith(link), f"{shape.name}, expected {link}"
         shape.geometry.buildConvexHull(True, "Qt")
         hulls.addGeometryObject(
             pin.GeometryObject(link, shape.parentJoint, shape.placement, shape.geometry.convex)
@@ -182,10 +195,10 @@ def _robot() -> tuple[pin.Model, pin.GeometryModel]:
 
 
 @functools.cache
-def _solids() -> list[tuple[FloatArray, FloatArray]]:
+def _solids(description: ArmDescription) -> list[tuple[FloatArray, FloatArray]]:
     """Of each hull but the base's: corners (K, 3) and faces (F, 4), normal and offset."""
     result = []
-    for shape in list(_robot()[1].geometryObjects)[1:]:
+    for shape in list(_robot(description)[1].geometryObjects)[1:]:
         corners = np.array([shape.geometry.point(i) for i in range(shape.geometry.num_points)])
         result.append((corners, ConvexHull(corners).equations))
     return result

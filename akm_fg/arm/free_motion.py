@@ -15,7 +15,8 @@ from ompl import base, geometric, util
 
 from akm_fg.arm.collision import ArmCollisions
 from akm_fg.arm.joint_path import JointMotion, TimeLawConfig, joint_motion
-from akm_fg.arm.kinematics import N_ARM, Q_MAX, Q_MIN, limit_margin_rad
+from akm_fg.arm.kinematics import Q_MAX, Q_MIN, limit_margin_rad
+from akm_fg.arm.model import N_ARM
 from akm_fg.errors import MotionInfeasible
 from akm_fg.records import FloatArray
 

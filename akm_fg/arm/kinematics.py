@@ -1,7 +1,7 @@
-"""Kinematics and dynamics of the Franka, from the same URDF that the simulator loads.
+"""Kinematics and dynamics of the Franka, from its description (`akm_fg.arm.description`).
 
-The gripper frame is the URDF's `panda_grasptarget`: between the fingertips, z forward, y along
-the finger opening. World is the robot's base.
+The gripper frame is a frame of the URDF between the fingertips, z forward, y along the finger
+opening: `panda_grasptarget` by default. World is the robot's base.
 """
 
 from __future__ import annotations
@@ -15,11 +15,9 @@ import pinocchio as pin
 from pink.limits import ConfigurationLimit
 from pink.tasks import FrameTask, PostureTask
 
+from akm_fg.arm.description import ArmDescription, franka_description
+from akm_fg.arm.model import FINGER_JOINTS, N_ARM, read_model
 from akm_fg.records import FloatArray
-from sim.bullet import PANDA_URDF, pose_from_matrix
-
-N_ARM = 7
-GRIPPER_FRAME = "panda_grasptarget"
 
 # The soft limits of the URDF's <safety_controller>, rad; the URDF's <limit>s are wider than the
 # real robot's.
@@ -51,13 +49,22 @@ class IkConfig:
 class FrankaKinematics:
     """Forward kinematics, Jacobian, gravity and inverse kinematics of the arm."""
 
-    def __init__(self, ik: IkConfig | None = None) -> None:
-        self._model = pin.buildModelFromUrdf(str(PANDA_URDF))
+    def __init__(
+        self, ik: IkConfig | None = None, description: ArmDescription | None = None
+    ) -> None:
+        """Reads the arm's description; without one, the Franka of the installed PyBullet's data.
+
+        Raises:
+            MissingDependency: no description is given, and none is installed.
+            InputError: the description cannot be read.
+        """
+        description = description or franka_description()
+        self._model = read_model(description)
         self._data = self._model.createData()
-        self._frame = self._model.getFrameId(GRIPPER_FRAME)
+        self._frame = self._model.getFrameId(description.gripper_frame)
         self._q = np.zeros(self._model.nq)
         self._v = np.zeros(self._model.nv)
-        self._ik = _InverseKinematics(self._model, ik or IkConfig())
+        self._ik = _InverseKinematics(self._model, description.gripper_frame, ik or IkConfig())
 
     def update(self, q: FloatArray, fingers_m: float = 0.02) -> tuple[FloatArray, FloatArray]:
         """T_world_gripper as (4, 4) and J_gripper_q (6, 7) at joint angles (7,).
@@ -75,7 +82,7 @@ class FrankaKinematics:
 
     def T_world_gripper(self, q: FloatArray) -> gtsam.Pose3:
         """The gripper pose at joint angles (7,)."""
-        return pose_from_matrix(self.update(q)[0])
+        return gtsam.Pose3(self.update(q)[0])
 
     def gravity(self, q: FloatArray, fingers_m: float) -> FloatArray:
         """Joint torques (7,) N m that hold the arm and hand against gravity."""
@@ -121,15 +128,15 @@ class FrankaKinematics:
 class _InverseKinematics:
     """The arm alone (fingers locked), a task for the hand and a faint one for the posture."""
 
-    def __init__(self, model: pin.Model, config: IkConfig) -> None:
-        fingers = [model.getJointId(f"panda_finger_joint{i}") for i in (1, 2)]
+    def __init__(self, model: pin.Model, gripper_frame: str, config: IkConfig) -> None:
+        fingers = [model.getJointId(joint) for joint in FINGER_JOINTS]
         arm = pin.buildReducedModel(model, fingers, np.zeros(model.nq))
         arm.lowerPositionLimit = Q_MIN + config.margin_rad
         arm.upperPositionLimit = Q_MAX - config.margin_rad
         self._config = config
         self._lower, self._upper = arm.lowerPositionLimit, arm.upperPositionLimit
         self._limits = [ConfigurationLimit(arm, config_limit_gain=1.0)]
-        self._hand = FrameTask(GRIPPER_FRAME, 1.0, 1.0, lm_damping=config.frame_damping)
+        self._hand = FrameTask(gripper_frame, 1.0, 1.0, lm_damping=config.frame_damping)
         self._posture = PostureTask(cost=config.posture_cost)
         self._posture.set_target((Q_MIN + Q_MAX) / 2.0)
         self._state = pink.Configuration(arm, arm.createData(), self._lower)

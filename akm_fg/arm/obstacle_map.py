@@ -21,6 +21,7 @@ from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
 from akm_fg.arm.collision import Obstacle, arm_corners, inside_arm
+from akm_fg.arm.description import ArmDescription
 from akm_fg.records import BoolArray, FloatArray, RgbdFrame
 
 FLOOR_M = 6.0  # side of the floor: more than the arm can reach
@@ -67,7 +68,11 @@ class ObstacleMap:
 
 
 def map_from_frame(
-    frame: RgbdFrame, q: FloatArray, floor_m: float, config: MapConfig | None = None
+    frame: RgbdFrame,
+    q: FloatArray,
+    floor_m: float,
+    config: MapConfig | None = None,
+    description: ArmDescription | None = None,
 ) -> ObstacleMap:
     """The map of one frame.
 
@@ -76,17 +81,19 @@ def map_from_frame(
         q: (7,) joint angles of the arm when the frame was taken, rad.
         floor_m: height of the floor, world; nothing below it is mapped.
         config: resolution and extent.
+        description: of the arm; without one, the Franka of the installed PyBullet's data.
     """
     config = config or MapConfig()
     lower = np.array(config.lower_m)
     lower[2] = max(lower[2], floor_m)
     count = np.ceil((np.array(config.upper_m) - lower) / config.voxel_m).astype(int)
     axes = [lower[i] + config.voxel_m * (np.arange(max(count[i], 0)) + 0.5) for i in range(3)]
-    occupied, surface = _occupied(axes, frame, q, config)
+    arm = _arm_in_picture(frame, arm_corners(q, description))
+    occupied, surface = _occupied(axes, frame, arm, config)
     shell = _shell(occupied)
-    if inside_arm(_middles(axes, shell), q, config.carve_m).any():
+    if inside_arm(_middles(axes, shell), q, config.carve_m, description).any():
         index = np.argwhere(occupied)
-        mine = inside_arm(_middles(axes, occupied), q, config.carve_m)
+        mine = inside_arm(_middles(axes, occupied), q, config.carve_m, description)
         occupied[tuple(index[mine].T)] = False
         shell = _shell(occupied)
     return ObstacleMap(_middles(axes, shell), surface[shell], config.voxel_m)
@@ -98,7 +105,7 @@ def _middles(axes: list[FloatArray], chosen: BoolArray) -> FloatArray:
 
 
 def _occupied(
-    axes: list[FloatArray], frame: RgbdFrame, q: FloatArray, config: MapConfig
+    axes: list[FloatArray], frame: RgbdFrame, arm: BoolArray, config: MapConfig
 ) -> tuple[BoolArray, BoolArray]:
     """(X, Y, Z) where a voxel may be occupied; (X, Y, Z) where that is because a surface is in it.
 
@@ -117,7 +124,7 @@ def _occupied(
     u = np.rint(camera.fx * x / ahead + camera.cx).astype(np.int32)
     v = np.rint(camera.fy * y / ahead + camera.cy).astype(np.int32)
     seen = (z > config.voxel_m) & (u >= 0) & (u < camera.width) & (v >= 0) & (v < camera.height)
-    nearest, surfaces = _surfaces(frame, _arm_in_picture(frame, q), config)
+    nearest, surfaces = _surfaces(frame, arm, config)
     slack = np.float32(config.voxel_m * np.sqrt(3.0) / 2.0)  # half a voxel's diagonal
     occupied, surface = np.zeros(z.shape, dtype=bool), np.zeros(z.shape, dtype=bool)
     z, pixels = z[seen], (v[seen], u[seen])
@@ -126,11 +133,11 @@ def _occupied(
     return occupied, surface & occupied
 
 
-def _arm_in_picture(frame: RgbdFrame, q: FloatArray) -> BoolArray:
-    """(H, W) where the arm at joint angles (7,) hides what is behind it."""
+def _arm_in_picture(frame: RgbdFrame, hulls: list[FloatArray]) -> BoolArray:
+    """(H, W) where the arm hides what is behind it, given its hulls' corners (K, 3), world."""
     picture = np.zeros(frame.depth_m.shape, dtype=np.uint8)
-    for corners in arm_corners(q):
-        p_cam = frame.T_world_cam.transformTo(corners.T).T
+    for p_world in hulls:
+        p_cam = frame.T_world_cam.transformTo(p_world.T).T
         if (p_cam[:, 2] > 0.0).all():  # of what convex bodies show, the outline is convex
             outline = cv2.convexHull(frame.camera.project(p_cam).round().astype(np.int32))
             cv2.fillConvexPoly(picture, outline, 1)

@@ -10,7 +10,8 @@ import numpy as np
 import ruckig
 
 from akm_fg.arm.collision import resampled
-from akm_fg.arm.kinematics import N_ARM, Q_HOME, Q_MAX, Q_MIN, FrankaKinematics, limit_margin_rad
+from akm_fg.arm.kinematics import Q_HOME, Q_MAX, Q_MIN, FrankaKinematics, limit_margin_rad
+from akm_fg.arm.model import N_ARM
 from akm_fg.arm.surroundings import Surroundings
 from akm_fg.records import FloatArray
 

@@ -12,7 +12,9 @@ from dataclasses import dataclass, field, replace
 import gtsam
 import numpy as np
 
-from akm_fg.arm.collision import FINGERS, HAND, ArmCollisions, Obstacle
+from akm_fg.arm.collision import ArmCollisions, Obstacle
+from akm_fg.arm.description import ArmDescription
+from akm_fg.arm.model import FINGERS, HAND
 from akm_fg.arm.obstacle_map import MapConfig, ObstacleMap, map_from_frame, own_surroundings
 from akm_fg.records import BoolArray, FloatArray, RgbdFrame
 
@@ -79,6 +81,7 @@ def surroundings(
     config: AroundConfig,
     margin_m: float,
     modelled: Sequence[Obstacle] = (),
+    description: ArmDescription | None = None,
 ) -> Surroundings:
     """The arm among obstacles, for the way to a grasp.
 
@@ -93,7 +96,12 @@ def surroundings(
         config: of the hand's room.
         margin_m: that the arm keeps from all of it.
         modelled: of exactly known shape and place; on the approach the hand may come near them.
+        description: of the arm; without one, the Franka of the installed PyBullet's data.
     """
+
+    def arm_among(obstacles: Sequence[Obstacle]) -> ArmCollisions:
+        return ArmCollisions(obstacles, margin_m, description=description)
+
     hand = (HAND, *FINGERS)
     whole = seen.everything.obstacle() if seen else None
     approach = [*known, *(replace(obstacle, spared=hand) for obstacle in modelled)]
@@ -108,10 +116,10 @@ def surroundings(
             approach.append(replace(outside, spared=FINGERS))
         hidden = near.obstacle(~surface)
         if hidden is not None:
-            unseen = ArmCollisions([replace(hidden, spared=FINGERS)], margin_m)
+            unseen = arm_among([replace(hidden, spared=FINGERS)])
     return Surroundings(
-        ArmCollisions([*known, *modelled, *([whole] if whole else [])], margin_m),
-        ArmCollisions(approach, margin_m),
+        arm_among([*known, *modelled, *([whole] if whole else [])]),
+        arm_among(approach),
         unseen,
     )
 
@@ -119,8 +127,20 @@ def surroundings(
 class KnownScene:
     """What the arm has been told and shown of the place where it stands."""
 
-    def __init__(self, floor_m: float, config: AroundConfig | None = None) -> None:
-        """`floor_m` is the height of the floor, world, as the robot was set up."""
+    def __init__(
+        self,
+        floor_m: float,
+        config: AroundConfig | None = None,
+        description: ArmDescription | None = None,
+    ) -> None:
+        """Knows nothing yet but the place where the robot was set up.
+
+        Args:
+            floor_m: height of the floor, world.
+            config: of the maps, and of the hand's room.
+            description: of the arm; without one, the Franka of the installed PyBullet's data.
+        """
+        self._description = description
         self._own = own_surroundings(floor_m)
         self._floor_m = floor_m
         self._config = config or AroundConfig()
@@ -132,8 +152,7 @@ class KnownScene:
 
         The robot's own pixels carry no depth; `q` (7,) rad are its joint angles in it.
         """
-        everything = map_from_frame(frame, q, self._floor_m, self._config.obstacles)
-        self._frame = (frame, q, everything)
+        self._frame = (frame, q, self._map(frame, q, self._config.obstacles))
 
     def know(self, obstacles: Sequence[Obstacle]) -> None:
         """These are there too, of exactly known shape and place."""
@@ -147,5 +166,10 @@ class KnownScene:
             near = config.obstacles.near(
                 T_world_grasp.translation(), config.near_m, config.near_voxel_m
             )
-            seen = SeenAround(everything, map_from_frame(frame, q, self._floor_m, near))
-        return surroundings(self._own, seen, T_world_grasp, config, margin_m, self._modelled)
+            seen = SeenAround(everything, self._map(frame, q, near))
+        return surroundings(
+            self._own, seen, T_world_grasp, config, margin_m, self._modelled, self._description
+        )
+
+    def _map(self, frame: RgbdFrame, q: FloatArray, config: MapConfig) -> ObstacleMap:
+        return map_from_frame(frame, q, self._floor_m, config, self._description)

@@ -12,8 +12,9 @@ import gtsam
 import numpy as np
 from numpy.typing import NDArray
 
+from akm_fg.arm.description import ArmDescription
 from akm_fg.records import RgbdFrame
-from sim.bullet import PANDA_URDF, connect, load_urdf, p
+from sim.bullet import connect, load_urdf, p
 from sim.camera.materials import MATT, specular_of
 from sim.camera.mirror import Shape, bodies_of, poses_of, shapes_of
 from sim.camera.noise import NOISE_LEVELS, NoiseConfig, Surface
@@ -71,10 +72,10 @@ class CameraConfig:
         )
 
 
-def _load_robot_outline(client: int) -> int:
+def _load_robot_outline(client: int, robot: ArmDescription) -> int:
     """The robot drawn by its collision meshes: they enclose it and have few triangles."""
-    meshes = PANDA_URDF.parent / "meshes" / "collision"
-    text = PANDA_URDF.read_text(encoding="utf-8")
+    meshes = robot.urdf.parent / "meshes" / "collision"
+    text = robot.urdf.read_text(encoding="utf-8")
     for folder in ("visual", "collision"):
         text = text.replace(f"package://meshes/{folder}", meshes.as_posix())
     with tempfile.TemporaryDirectory(prefix="akm-fg-sim-") as scratch:
@@ -115,7 +116,7 @@ class SimCamera:
         self._world = world
         self._sensor = NoisySensor(c.noise, self.intrinsics, np.random.default_rng([seed, 11]))
         self._robot_client = connect()
-        self._robot = _load_robot_outline(self._robot_client)
+        self._robot = _load_robot_outline(self._robot_client, world.arm_description)
         self._shot = c.shot(T_world_cam, name)
         self._scene = open_scene(self.renderer)
         self._still = self._draw_still()

@@ -18,7 +18,8 @@ import cv2
 import gtsam
 import numpy as np
 
-from akm_fg.arm.kinematics import N_ARM, Q_HOME
+from akm_fg.arm.kinematics import Q_HOME
+from akm_fg.arm.model import N_ARM
 from akm_fg.errors import MotionInfeasible
 from akm_fg.records import FloatArray, PinholeCamera, RgbdFrame
 from sim.bullet import joint_index, load_urdf, p, quaternion_xyzw
@@ -27,6 +28,7 @@ from sim.camera.charuco_plate import PlateSpec, write_plate
 from sim.camera.noise import NOISE_LEVELS, noisy_depth, noisy_rgb
 from sim.camera.pictures import DepthImage
 from sim.episode import open_world
+from sim.robot.contacts import finger_links, nearby
 from sim.world import SimWorld
 
 FARTHEST_M = 1e6  # stands for infinity
@@ -133,9 +135,7 @@ class BoardRig:
         self.world, self.camera, self.truth = world, camera, truth
         self.spec = spec
         self._plate = load_urdf(world.client, plate, gtsam.Pose3())
-        self._fingers = [
-            joint_index(world.client, world.robot_id, f"panda_finger_joint{i}") for i in (1, 2)
-        ]
+        self._fingers = finger_links(world.client, world.robot_id)
         hand = joint_index(world.client, world.robot_id, "panda_hand_joint")
         self._arm_links = range(-1, hand)
 
@@ -159,8 +159,7 @@ class BoardRig:
         world = self.world
 
         def near(a: int, b: int, link: int | None = None) -> bool:
-            only = {} if link is None else {"linkIndexB": link}
-            return bool(p.getClosestPoints(a, b, clearance_m, physicsClientId=world.client, **only))
+            return bool(nearby(world.client, a, b, clearance_m, other_link=link))
 
         if near(self._plate, world.object_id) or near(world.robot_id, world.object_id):
             return False

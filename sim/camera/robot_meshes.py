@@ -15,9 +15,9 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from akm_fg.arm.description import ArmDescription
 from akm_fg.records import FloatArray
-from sim.bullet import PANDA_URDF
-from sim.cache import kept
+from sim.cache import digest, kept
 
 IntArray = NDArray[np.int64]
 
@@ -38,14 +38,19 @@ class Triangles:
     shapes: IntArray  # (F,) of each face, growing
 
 
-def light_panda_urdf() -> Path:
-    """The robot's URDF with merged visual meshes, from the cache or made now (about a second)."""
-    return kept(f"panda-{VERSION}-{1e3 * CELL_M:.0f}mm", _write) / "panda.urdf"
+def light_panda_urdf(robot: ArmDescription) -> Path:
+    """The robot's URDF with merged visual meshes, from the cache or made now (about a second).
+
+    It names the collision meshes where they lie, so a robot that lies elsewhere is made anew.
+    """
+    text = robot.urdf.read_text(encoding="utf-8")
+    source = digest(str(robot.urdf), text)
+    name = f"panda-{VERSION}-{1e3 * CELL_M:.0f}mm-{source}"
+    return kept(name, lambda folder: _write(folder, robot.urdf.parent, text)) / "panda.urdf"
 
 
-def _write(folder: Path) -> None:
-    meshes = PANDA_URDF.parent / "meshes"
-    text = PANDA_URDF.read_text(encoding="utf-8")
+def _write(folder: Path, described: Path, text: str) -> None:
+    meshes = described / "meshes"
     text = text.replace("package://meshes/collision", (meshes / "collision").as_posix())
     for source in sorted((meshes / "visual").glob("*.obj")):
         text = text.replace(f"package://meshes/visual/{source.name}", source.name)

@@ -10,8 +10,9 @@ import numpy as np
 from akm_fg.arm.collision import Obstacle
 from akm_fg.arm.free_motion import RrtConnectPlanner, timed_motion
 from akm_fg.arm.impedance import cartesian_torques, joint_impedance
-from akm_fg.arm.kinematics import N_ARM, Q_HOME, pose_error
+from akm_fg.arm.kinematics import Q_HOME, pose_error
 from akm_fg.arm.limits import MotionRecorder
+from akm_fg.arm.model import N_ARM
 from akm_fg.arm.pulling import Pull
 from akm_fg.arm.reaching import (
     GraspConfiguration,
@@ -43,7 +44,7 @@ class SimFranka:
         self.gripper = SimGripper(world, self.config.gripper)
         self._drive = ArmDrive(world, self.gripper)
         self._q_rest = Q_HOME.copy()
-        self._scene = KnownScene(world.placement.floor_m, self.config.around)
+        self._scene = KnownScene(world.placement.floor_m, self.config.around, world.arm_description)
 
     def see(self, frame: RgbdFrame) -> None:
         """Keep clear, from now on, of what this frame shows and of what it cannot show behind it.

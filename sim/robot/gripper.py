@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from sim.bullet import joint_index, p
+from sim.bullet import p
+from sim.robot.contacts import finger_links
 from sim.world import SimWorld
 
 
@@ -31,9 +32,7 @@ class SimGripper:
     def __init__(self, world: SimWorld, config: GripperConfig | None = None) -> None:
         self.config = config or GripperConfig()
         self._client, self._robot = world.client, world.robot_id
-        self.joints = [
-            joint_index(self._client, self._robot, f"panda_finger_joint{i}") for i in (1, 2)
-        ]
+        self.joints = finger_links(self._client, self._robot)
         self._couple()
         self.squeezing = False
         self._force_n = 0.0

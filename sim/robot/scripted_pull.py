@@ -15,8 +15,9 @@ import numpy as np
 from akm_fg.arm.reaching import ReachConfig, choose_grasp_configuration
 from akm_fg.errors import MotionInfeasible
 from akm_fg.records import FloatArray
-from sim.bullet import joint_index, p
+from sim.bullet import p
 from sim.objects.placement import opened
+from sim.robot.contacts import finger_links, nearby
 from sim.world import SimWorld
 
 STEP_MAX = 0.05  # m or rad between neighbouring poses of the inverse kinematics
@@ -37,9 +38,7 @@ class ScriptedPull:
             MotionInfeasible: the arm cannot follow, or would go through the object.
         """
         self._world = world
-        self._fingers = [
-            joint_index(world.client, world.robot_id, f"panda_finger_joint{i}") for i in (1, 2)
-        ]
+        self._fingers = finger_links(world.client, world.robot_id)
         self.states = np.asarray(states, dtype=float)
         self._path = self._solve(T_world_grasp)
         for i in (0, len(self.states) // 2, -1):
@@ -67,10 +66,8 @@ class ScriptedPull:
         """How deep the arm (not its hand) is inside the object now; 0 where it is not."""
         world = self._world
         p.performCollisionDetection(physicsClientId=world.client)
-        points = p.getClosestPoints(
-            world.robot_id, world.object_id, 0.0, physicsClientId=world.client
-        )
-        return max((-c[8] for c in points if c[3] < CLEAR_LINKS), default=0.0)
+        points = nearby(world.client, world.robot_id, world.object_id, 0.0)
+        return max((-point.distance_m for point in points if point.link < CLEAR_LINKS), default=0.0)
 
     def _solve(self, T_world_grasp: gtsam.Pose3) -> list[FloatArray]:
         world, T = self._world, self._world.placement.T_world_object

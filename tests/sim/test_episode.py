@@ -16,6 +16,7 @@ from akm_fg.records import TimedPath
 from sim.bullet import p
 from sim.episode import SimEpisode, open_world
 from sim.objects.placement import opened
+from sim.robot.contacts import contacts
 from sim.robot.franka_config import FrankaConfig
 from sim.robot.slip import SlipGauge
 
@@ -42,8 +43,8 @@ def arc(episode: SimEpisode, goal: float, duration_s: float) -> TimedPath:
 def finger_forces_n(episode: SimEpisode) -> list[float]:
     """What each finger presses with on the part, along the contacts' normals."""
     world = episode.world
-    contacts = p.getContactPoints(world.robot_id, world.object_id, physicsClientId=world.client)
-    return [sum(c[9] for c in contacts if c[3] == f) for f in episode.arm.gripper.joints]
+    touching = contacts(world.client, world.robot_id, world.object_id)
+    return [sum(c.force_n for c in touching if c.link == f) for f in episode.arm.gripper.joints]
 
 
 def run_grasp(episode: SimEpisode, recorder: MotionRecorder, T_world_grasp: gtsam.Pose3) -> range:
@@ -160,9 +161,9 @@ def test_a_hand_that_meets_something_unexpected_stops(
         off_m = np.linalg.norm(arm.T_world_gripper().translation() - grasp.translation())
         assert off_m > left_m
         world = episode.world
-        contacts = p.getContactPoints(bodyA=world.robot_id, physicsClientId=world.client)
+        touching = contacts(world.client, world.robot_id)
         ball = p.getNumBodies(physicsClientId=world.client) - 1
-        assert 0.0 < sum(c[9] for c in contacts if c[2] == ball) < most_n
+        assert 0.0 < sum(c.force_n for c in touching if c.other_body == ball) < most_n
         assert recorder.motion().usage().torque < 1.0
 
 

@@ -10,7 +10,6 @@ import pytest
 
 from akm_fg.arm.collision import (
     REACH_OF_JOINT_M,
-    ROBOT_LINKS,
     SELF_PAIRS,
     ArmCollisions,
     Obstacle,
@@ -18,8 +17,11 @@ from akm_fg.arm.collision import (
     inside_arm,
     resampled,
 )
+from akm_fg.arm.description import franka_description
 from akm_fg.arm.kinematics import Q_HOME, Q_MAX, Q_MIN, FrankaKinematics
+from akm_fg.arm.model import ROBOT_LINKS
 from sim.bullet import p
+from sim.robot.contacts import nearby
 from sim.robot.true_obstacles import true_obstacles
 from sim.world import SimWorld
 
@@ -66,7 +68,7 @@ def test_the_arm_may_not_fold_into_itself():
 
 
 def test_no_other_parts_than_the_listed_pairs_and_neighbours_can_meet():
-    model, hulls = _robot()
+    model, hulls = _robot(franka_description())
     others = hulls.copy()
     others.removeAllCollisionPairs()
     n = len(ROBOT_LINKS)
@@ -87,12 +89,12 @@ def test_no_other_parts_than_the_listed_pairs_and_neighbours_can_meet():
 def corners() -> list[np.ndarray]:
     return [
         np.array([shape.geometry.point(i) for i in range(shape.geometry.num_points)])
-        for shape in _robot()[1].geometryObjects
+        for shape in _robot(franka_description())[1].geometryObjects
     ]
 
 
 def corners_world(q: np.ndarray) -> np.ndarray:
-    model, hulls = _robot()
+    model, hulls = _robot(franka_description())
     data, places = model.createData(), hulls.createData()
     q_all = np.concatenate([q, [0.04, 0.04]])
     pin.updateGeometryPlacements(model, data, hulls, places, q_all)
@@ -153,11 +155,11 @@ def test_the_true_obstacles_touch_where_the_simulator_touches():
             for joint, angle in enumerate(q):
                 p.resetJointState(robot, joint, angle, physicsClientId=client)
             found = [
-                c[8]
+                c.distance_m
                 for body in bodies
                 if body != robot
-                for c in p.getClosestPoints(robot, body, 0.005, physicsClientId=client)
-                if c[3] >= 0
+                for c in nearby(client, robot, body, 0.005)
+                if c.link >= 0
             ]
             nearest = min(found, default=1.0)
             if abs(nearest) > 0.002:

@@ -3,7 +3,15 @@ from __future__ import annotations
 import gtsam
 import numpy as np
 
-from akm_fg.arm.kinematics import Q_HOME, Q_MAX, Q_MIN, FrankaKinematics, limit_margin_rad
+from akm_fg.arm.description import franka_description
+from akm_fg.arm.kinematics import (
+    Q_HOME,
+    Q_MAX,
+    Q_MIN,
+    TAU_MAX,
+    FrankaKinematics,
+    limit_margin_rad,
+)
 
 
 def is_at(kinematics: FrankaKinematics, q: np.ndarray, wanted: gtsam.Pose3) -> bool:
@@ -54,3 +62,10 @@ def test_the_jacobian_is_the_derivative_of_the_pose():
 def test_a_pose_out_of_reach_has_no_solution():
     far = gtsam.Pose3(gtsam.Rot3(), np.array([2.0, 0.0, 0.5]))
     assert FrankaKinematics().solve(far, Q_HOME) is None
+
+
+def test_the_arm_limits_are_those_of_the_urdf():
+    text = franka_description().urdf.read_text()
+    for q_min, q_max in zip(Q_MIN, Q_MAX, strict=True):
+        assert f'soft_lower_limit="{q_min:.4f}" soft_upper_limit="{q_max:.4f}"' in text
+    assert [f'effort="{tau:.0f}"' in text for tau in TAU_MAX] == [True] * 7

@@ -8,7 +8,7 @@ import gtsam
 import numpy as np
 import pytest
 
-from akm_fg.arm.collision import ArmCollisions, Obstacle
+from akm_fg.arm.collision import ArmCollisions, Obstacle, arm_corners
 from akm_fg.arm.kinematics import Q_HOME, Q_MAX, Q_MIN, FrankaKinematics
 from akm_fg.arm.obstacle_map import (
     MapConfig,
@@ -183,7 +183,7 @@ def test_what_the_arm_hides_may_be_more_of_the_object():
     config, inside = MapConfig(carve_m=0.0), points[0] - [0.0, 0.0, 0.02]
     by_arm, by_sensor = [], []
     for q in rng.uniform(Q_MIN, Q_MAX, (1000, 7)):
-        arm = _arm_in_picture(frame(exact), q)
+        arm = _arm_in_picture(frame(exact), arm_corners(q))
         if list(arm[v, u]) == [True, True, False]:
             torn = frame(np.where(arm, np.nan, exact))
             for result, q_map in ((by_arm, q), (by_sensor, away)):

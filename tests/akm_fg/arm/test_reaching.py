@@ -7,8 +7,10 @@ import gtsam
 import numpy as np
 import pinocchio as pin
 
-from akm_fg.arm.collision import ROBOT_LINKS, Obstacle, _robot
+from akm_fg.arm.collision import Obstacle, _robot
+from akm_fg.arm.description import franka_description
 from akm_fg.arm.kinematics import Q_HOME, FrankaKinematics
+from akm_fg.arm.model import ROBOT_LINKS
 from akm_fg.arm.obstacle_map import ObstacleMap
 from akm_fg.arm.reaching import ReachConfig, choose_grasp_configuration, grasp_options, standoff
 from akm_fg.arm.surroundings import AroundConfig, SeenAround, Surroundings, surroundings
@@ -68,7 +70,7 @@ def test_branches_that_would_touch_something_are_left_out():
 
 
 def corners_of_link(q: np.ndarray, link: str) -> np.ndarray:
-    model, hulls = _robot()
+    model, hulls = _robot(franka_description())
     data, places = model.createData(), hulls.createData()
     pin.updateGeometryPlacements(model, data, hulls, places, np.concatenate([q, [0.04, 0.04]]))
     k = ROBOT_LINKS.index(link)

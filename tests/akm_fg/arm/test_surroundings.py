@@ -6,6 +6,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 from akm_fg.arm import surroundings
+from akm_fg.arm.description import ArmDescription, franka_description
 from akm_fg.arm.kinematics import Q_HOME
 from akm_fg.arm.obstacle_map import MapConfig, ObstacleMap
 from akm_fg.arm.surroundings import AroundConfig, KnownScene
@@ -24,13 +25,20 @@ def test_the_finer_map_is_about_the_grasp(monkeypatch: pytest.MonkeyPatch):
     """One map of the whole when the frame comes, a finer one for each grasp."""
     asked: list[MapConfig] = []
 
-    def mapped(frame: RgbdFrame, q: np.ndarray, floor_m: float, config: MapConfig) -> ObstacleMap:
-        assert frame is FRAME and q is Q_HOME and floor_m == -0.3
+    def mapped(
+        frame: RgbdFrame,
+        q: np.ndarray,
+        floor_m: float,
+        config: MapConfig,
+        description: ArmDescription | None,
+    ) -> ObstacleMap:
+        assert frame is FRAME and q is Q_HOME and floor_m == -0.3 and description is arm
         asked.append(config)
         return ObstacleMap(np.empty((0, 3)), np.empty(0, dtype=bool), config.voxel_m)
 
     monkeypatch.setattr(surroundings, "map_from_frame", mapped)
-    scene, config = KnownScene(-0.3), AroundConfig()
+    arm, config = franka_description(), AroundConfig()
+    scene = KnownScene(-0.3, description=arm)
     scene.see(FRAME, Q_HOME)
     at = np.array([0.6, -0.2, 0.4])
     around = scene.around(gtsam.Pose3(gtsam.Rot3(), at), 0.02)

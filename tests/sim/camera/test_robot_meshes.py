@@ -6,10 +6,11 @@ import numpy as np
 import pytest
 from scipy.spatial import cKDTree
 
-from sim.bullet import PANDA_URDF
+from akm_fg.arm.description import franka_description
 from sim.camera.robot_meshes import Triangles, light_panda_urdf, merged, read_obj, write_obj
 
-HAND = PANDA_URDF.parent / "meshes" / "visual" / "hand.obj"
+PANDA = franka_description()
+HAND = PANDA.urdf.parent / "meshes" / "visual" / "hand.obj"
 CELL_M = 0.006
 
 
@@ -58,10 +59,10 @@ def test_a_written_mesh_reads_back(hand: Triangles, tmp_path):
 
 def test_the_light_robot_keeps_its_collision_meshes_and_is_made_once(tmp_path, monkeypatch):
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
-    urdf = light_panda_urdf()
+    urdf = light_panda_urdf(PANDA)
     assert urdf.is_relative_to(tmp_path)
-    text, original = urdf.read_text(), PANDA_URDF.read_text()
-    collision = (PANDA_URDF.parent / "meshes" / "collision").as_posix()
+    text, original = urdf.read_text(), PANDA.urdf.read_text()
+    collision = (PANDA.urdf.parent / "meshes" / "collision").as_posix()
     assert text.count(collision) == original.count("package://meshes/collision")
     made = urdf.stat().st_mtime_ns
-    assert light_panda_urdf() == urdf and urdf.stat().st_mtime_ns == made
+    assert light_panda_urdf(PANDA) == urdf and urdf.stat().st_mtime_ns == made

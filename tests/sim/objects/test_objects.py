@@ -5,8 +5,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from akm_fg.arm.kinematics import Q_MAX, Q_MIN, TAU_MAX
-from sim.bullet import PANDA_URDF
 from sim.objects.embedded import OBJECT_NAMES, build_object, sample_object
 from sim.objects.meshes import Box, box_faces, inertia_of_boxes
 from sim.objects.textures import SIZE_PX, painted, wood
@@ -64,10 +62,3 @@ def test_front_textures_have_contrast_for_a_tracker(texture):
     image = texture(np.random.default_rng(0)).mean(axis=2)
     assert image.shape == (SIZE_PX, SIZE_PX)
     assert image.std() > 10.0
-
-
-def test_the_arm_limits_are_those_of_the_urdf():
-    text = PANDA_URDF.read_text()
-    for q_min, q_max in zip(Q_MIN, Q_MAX, strict=True):
-        assert f'soft_lower_limit="{q_min:.4f}" soft_upper_limit="{q_max:.4f}"' in text
-    assert [f'effort="{tau:.0f}"' in text for tau in TAU_MAX] == [True] * 7

@@ -8,6 +8,7 @@ import pytest
 from akm_fg.errors import MotionInfeasible
 from sim.bullet import joint_index, p
 from sim.episode import open_world
+from sim.robot.contacts import finger_links, nearby
 from sim.robot.scripted_pull import ScriptedPull
 
 GRASP_LINK = "panda_grasptarget_hand"
@@ -33,14 +34,9 @@ def test_the_gripper_is_rigid_in_the_part_with_the_handle_between_its_fingers(na
             np.testing.assert_allclose(pull.T_world_gripper(i).matrix(), T_world_gripper, atol=1e-4)
             relative.append(np.linalg.inv(simulated_part(world)) @ T_world_gripper)
         np.testing.assert_allclose(relative[1:], [relative[0]] * (len(states) - 1), atol=1e-3)
-        points = p.getClosestPoints(
-            world.robot_id, world.object_id, 0.003, physicsClientId=world.client
-        )
-        fingers = {
-            joint_index(world.client, world.robot_id, f"panda_finger_joint{i}") for i in (1, 2)
-        }
-        touching = {c[3] for c in points if c[4] == world.part_joint}
-        assert fingers <= touching
+        points = nearby(world.client, world.robot_id, world.object_id, 0.003)
+        touching = {c.link for c in points if c.other_link == world.part_joint}
+        assert set(finger_links(world.client, world.robot_id)) <= touching
 
 
 def simulated_gripper(world) -> np.ndarray:

@@ -18,6 +18,7 @@ from sim.objects.imported.imported_spec import MASS_KG
 from sim.objects.staging import find_spec
 from sim.objects.suites.catalogue import load_spec
 from sim.objects.suites.furniture_build import build_furniture
+from sim.robot.contacts import nearby
 from sim.world import SimWorld
 
 PULL_N = 25.0
@@ -143,9 +144,7 @@ def overlaps(world: SimWorld, p_world: np.ndarray, radius_m: float) -> bool:
     """Whether a small ball there would touch the part."""
     ball = p.createCollisionShape(p.GEOM_SPHERE, radius=radius_m, physicsClientId=world.client)
     body = p.createMultiBody(1.0, ball, -1, p_world.tolist(), physicsClientId=world.client)
-    found = p.getClosestPoints(
-        body, world.object_id, 0.0, -1, world.part_joint, physicsClientId=world.client
-    )
+    found = nearby(world.client, body, world.object_id, 0.0, link=-1, other_link=world.part_joint)
     p.removeBody(body, physicsClientId=world.client)
     return bool(found)
 
