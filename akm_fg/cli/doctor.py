@@ -37,6 +37,7 @@ class Package:
     optional: bool
 
 
+ARM = "a robot arm, real or simulated (extra: arm)"
 PACKAGES = (
     Package("numpy", "numpy", "everything", False),
     Package("scipy", "scipy.stats", "everything", False),
@@ -47,11 +48,12 @@ PACKAGES = (
     Package("matplotlib", "matplotlib", "plots in reports", False),
     Package("tyro", "tyro", "the command line", False),
     Package("rich", "rich", "tables in the terminal", False),
+    Package("pin", "pinocchio", ARM, True),
+    Package("pin-pink", "pink", ARM, True),
+    Package("daqp", "daqp", ARM, True),
+    Package("ompl", "ompl.geometric", ARM, True),
+    Package("open3d-cpu", "open3d", ARM, True),
     Package("pybullet", "pybullet", "akm-fg demo (extra: sim)", True),
-    Package("pin", "pinocchio", "akm-fg demo (extra: sim)", True),
-    Package("pin-pink", "pink", "akm-fg demo (extra: sim)", True),
-    Package("daqp", "daqp", "akm-fg demo (extra: sim)", True),
-    Package("ompl", "ompl.geometric", "akm-fg demo (extra: sim)", True),
     Package("scene_synthesizer", "scene_synthesizer", "akm-fg demo (extra: sim)", True),
     Package("coacd", "coacd", "one's own URDFs (extra: sim)", True),
 )
@@ -98,10 +100,20 @@ def renderer() -> str:
     return f"{choice.name} ({choice.reason})"
 
 
+def arm_description() -> str:
+    """Where the description of the arm is that is taken where none is given."""
+    from akm_fg.arm.description import franka_description
+
+    try:
+        return str(franka_description().urdf)
+    except AkmError as error:
+        return f"none: {error}"
+
+
 def doctor(arguments: DoctorArguments) -> int:
     """Run the command."""
     findings = [examine(package) for package in PACKAGES]
-    drawn_by = renderer()
+    drawn_by, described_by = renderer(), arm_description()
     with json_output(arguments.json) as stream:
         if stream is not None:
             report = {
@@ -110,14 +122,15 @@ def doctor(arguments: DoctorArguments) -> int:
                 "system": platform.platform(),
                 "packages": [asdict(finding) for finding in findings],
                 "renderer": drawn_by,
+                "arm_description": described_by,
             }
             write_line(stream, json_module.dumps(report))
     if arguments.json != "-":
-        _print(findings, drawn_by)
+        _print(findings, drawn_by, described_by)
     return BAD_INPUT if any(f.problem and not f.optional for f in findings) else DONE
 
 
-def _print(findings: list[Finding], drawn_by: str) -> None:
+def _print(findings: list[Finding], drawn_by: str, described_by: str) -> None:
     from rich.console import Console
     from rich.table import Table
 
@@ -133,6 +146,7 @@ def _print(findings: list[Finding], drawn_by: str) -> None:
     console.print(f"akm-fg {__version__}, Python {platform.python_version()}, {platform.system()}")
     console.print(table)
     console.print(f"Simulated camera drawn by: {drawn_by}")
+    console.print(f"Arm described by: {described_by}", markup=False, soft_wrap=True)
     absent = sorted({f.needed_for for f in findings if f.problem and f.optional})
     for what in absent:
         console.print(f"Without the above, {what} does not run; the estimator does.")

@@ -38,6 +38,18 @@ def test_doctor_names_the_renderer_and_why(monkeypatch, capfd):
     assert "drawn by: none: AKM_FG_RENDERER='vulkan', expected one of auto, tiny, egl" in shown
 
 
+def test_doctor_says_where_the_arm_is_described(monkeypatch, capfd):
+    pytest.importorskip("pybullet_data", reason="the simulator is not installed")
+    assert main(["doctor", "--json", "-"]) == 0
+    report = json.loads(capfd.readouterr().out.splitlines()[-1])
+    assert report["arm_description"].endswith("franka_panda/panda.urdf")
+    monkeypatch.setattr("akm_fg.arm.description.DATA_PACKAGE", "no_such_data")
+    assert main(["doctor"]) == 0
+    shown = " ".join(capfd.readouterr().out.split())
+    assert "described by: none: the Franka's URDF comes with no_such_data" in shown
+    assert "install akm-fg[sim], or hand in" in shown
+
+
 def test_an_absent_optional_package_is_no_failure(monkeypatch, capfd):
     absent = doctor_module.Package("no-such-package", "no_such_module", "the moon", True)
     monkeypatch.setattr(doctor_module, "PACKAGES", (absent,))
