@@ -18,9 +18,10 @@ from torch import Tensor
 
 from experiments.baselines.config import CoarseConfig
 from experiments.baselines.descent import Evaluation, Minimum, minimise
-from experiments.baselines.estimate import JointEstimate, joint_estimate
+from experiments.baselines.estimate import KINDS, JointEstimate, joint_estimate
 from experiments.baselines.kinematics import joint_motion
 from experiments.baselines.starts import Starts, observed, prismatic_start, revolute_starts
+from factors.joint import JointKind
 
 Array = NDArray[np.float64]
 
@@ -43,7 +44,7 @@ def coarse_estimate(points: Array, seed: int, config: CoarseConfig | None = None
         ValueError: see `coarse_alternatives`.
     """
     found = coarse_alternatives(points, seed, config)
-    prismatic, revolute = found["prismatic"], found["revolute"]
+    prismatic, revolute = found[JointKind.PRISMATIC], found[JointKind.REVOLUTE]
     lower = prismatic.losses["prismatic"] < revolute.losses["revolute"]
     best = prismatic if lower else revolute
     seconds = {**prismatic.time_s, **revolute.time_s}
@@ -74,9 +75,9 @@ def coarse_alternatives(
     config = config or CoarseConfig()
     kept = _tracks_from_the_first_frame(points)
     found = {}
-    for kind in ("prismatic", "revolute"):
+    for kind in KINDS:
         began = time.perf_counter()
-        if kind == "prismatic":
+        if not kind.turns:
             starts = prismatic_start(kept)
         else:
             starts = revolute_starts(kept, config, np.random.default_rng(seed))
@@ -95,12 +96,12 @@ def _tracks_from_the_first_frame(points: Array) -> Array:
 
 
 def _descend(
-    kind: str, points: Array, starts: Starts, config: CoarseConfig, began: float
+    kind: JointKind, points: Array, starts: Starts, config: CoarseConfig, began: float
 ) -> JointEstimate:
     """Minimise Eq. 5 from all starts and bring the best into the project's conventions."""
     axis, pivot = (_leaf(v) for v in (starts.axis, starts.pivot))
     states = _leaf(starts.states[:, 1:])
-    parameters = [axis, pivot, states] if kind == "revolute" else [axis, states]
+    parameters = [axis, pivot, states] if kind.turns else [axis, states]
     seen = observed(points)
     targets = torch.tensor(np.where(seen[..., None], points, 0.0), dtype=torch.float32)
     weight = torch.tensor(seen[1:], dtype=torch.float32)
@@ -134,7 +135,7 @@ def _mean_distances(R: Tensor, t: Tensor, targets: Tensor, weight: Tensor, squar
     return (distance * weight).sum(dim=(1, 2)) / weight.sum()
 
 
-def _in_conventions(kind: str, best: Minimum, points: Array, began: float) -> JointEstimate:
+def _in_conventions(kind: JointKind, best: Minimum, points: Array, began: float) -> JointEstimate:
     """The best row of the minimum as an estimate; unseen frames have no state."""
     rows = [p[best.best_row].numpy().astype(np.float64) for p in best.parameters]
     states = np.concatenate([[0.0], rows[-1]])
@@ -143,7 +144,7 @@ def _in_conventions(kind: str, best: Minimum, points: Array, began: float) -> Jo
     return joint_estimate(
         kind=kind,
         axis=rows[0],
-        point_on_axis=rows[1] if kind == "revolute" else centroid,
+        point_on_axis=rows[1] if kind.turns else centroid,
         states=states,
         part_centroid=centroid,
         losses={kind: best.loss},

@@ -11,15 +11,17 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from factors.joint import JointKind
+
 Array = NDArray[np.float64]
-KINDS = ("prismatic", "revolute")
+KINDS = tuple(kind for kind in JointKind if not kind.has_pitch)  # the paper knows no screws
 
 
 @dataclass(frozen=True, slots=True)
 class JointEstimate:
     """One joint and its states, as a method without uncertainties gives them."""
 
-    kind: str  # "prismatic" or "revolute"
+    kind: JointKind  # prismatic or revolute
     axis: Array  # (3,) unit, world; the states grow along it (their mean is not negative)
     pivot: Array | None  # (3,) world, the point of the axis nearest to the part; None: prismatic
     states: Array  # (T,) metres or radians, zero at the first; NaN where nothing was seen
@@ -27,18 +29,19 @@ class JointEstimate:
     time_s: Mapping[str, float]
 
     def __post_init__(self) -> None:
+        object.__setattr__(self, "kind", JointKind(self.kind))
         if self.kind not in KINDS:
-            raise ValueError(f"joint kind {self.kind!r}, expected one of {KINDS}")
+            raise ValueError(f"joint kind {self.kind}, expected one of {[*map(str, KINDS)]}")
         if self.axis.shape != (3,) or abs(np.linalg.norm(self.axis) - 1) > 1e-6:
             raise ValueError(f"axis {self.axis}, expected a unit vector (3,)")
-        if (self.pivot is None) != (self.kind == "prismatic"):
+        if (self.pivot is None) == self.kind.turns:
             raise ValueError(f"pivot {self.pivot} of a {self.kind} joint")
         if self.states.ndim != 1 or self.states[:1].any():
             raise ValueError("states must be (T,) and zero at the first frame")
 
 
 def joint_estimate(
-    kind: str,
+    kind: JointKind,
     axis: Array,
     point_on_axis: Array,
     states: Array,
@@ -49,7 +52,7 @@ def joint_estimate(
     """An estimate in the project's conventions from any axis, point of it and states.
 
     Args:
-        kind: "prismatic" or "revolute".
+        kind: prismatic or revolute.
         axis: (3,) of any length and either sign, world.
         point_on_axis: (3,) any point of a hinge's axis; ignored for a prismatic joint.
         states: (T,) relative to any zero.
@@ -60,7 +63,7 @@ def joint_estimate(
     Raises:
         ValueError: an axis without direction, or an unknown kind.
     """
-    length = float(np.linalg.norm(axis))
+    kind, length = JointKind(kind), float(np.linalg.norm(axis))
     if not length > 0:
         raise ValueError(f"axis {axis} has no direction")
     unit = np.asarray(axis, dtype=np.float64) / length
@@ -70,7 +73,7 @@ def joint_estimate(
     return JointEstimate(
         kind=kind,
         axis=sign * unit,
-        pivot=None if kind == "prismatic" else pivot,
+        pivot=pivot if kind.turns else None,
         states=sign * relative,
         losses=dict(losses),
         time_s=dict(time_s),

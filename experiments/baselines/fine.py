@@ -76,13 +76,13 @@ def fine_estimate(
         loss.backward()
         return Evaluation(loss.item())
 
-    parameters = [axis, pivot, later] if coarse.kind == "revolute" else [axis, later]
+    parameters = [axis, pivot, later] if coarse.kind.turns else [axis, later]
     best = minimise(parameters, evaluate, config.descent)
     found = [p.numpy().astype(np.float64) for p in best.parameters]
     return joint_estimate(
         kind=coarse.kind,
         axis=found[0],
-        point_on_axis=found[1] if coarse.kind == "revolute" else centroid,
+        point_on_axis=found[1] if coarse.kind.turns else centroid,
         states=np.concatenate([[0.0], found[-1]]),
         part_centroid=centroid,
         losses={**coarse.losses, "fine": best.loss},

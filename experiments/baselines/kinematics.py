@@ -1,7 +1,7 @@
 """Rigid motion of a joint as torch tensors, so that gradients flow (the paper's Eq. 4).
 
-The same formula as in `factors.joint_motion`, which works in numpy and gives Jacobians; a test
-holds the two together.
+The formula of `factors.joint`, which works in numpy and gives Jacobians; a test holds the two
+together.
 """
 
 from __future__ import annotations
@@ -9,12 +9,14 @@ from __future__ import annotations
 import torch
 from torch import Tensor
 
+from factors.joint import JointKind
 
-def joint_motion(kind: str, axis: Tensor, pivot: Tensor, q: Tensor) -> tuple[Tensor, Tensor]:
+
+def joint_motion(kind: JointKind, axis: Tensor, pivot: Tensor, q: Tensor) -> tuple[Tensor, Tensor]:
     """Rotation and translation of the part when its state grows by q.
 
     Args:
-        kind: "prismatic" or "revolute".
+        kind: one of `akm_fg`'s that the paper knows: without a pitch.
         axis: (..., 3) of any length but zero.
         pivot: (..., 3) a point of a hinge's axis, metres.
         q: (..., T) metres or radians.
@@ -24,14 +26,14 @@ def joint_motion(kind: str, axis: Tensor, pivot: Tensor, q: Tensor) -> tuple[Ten
         rotation by q about a and t = (I - R) c.
 
     Raises:
-        ValueError: an unknown kind.
+        ValueError: a kind with a pitch.
     """
     unit = axis / torch.linalg.vector_norm(axis, dim=-1, keepdim=True)
     eye = torch.eye(3, dtype=axis.dtype)
-    if kind == "prismatic":
+    if kind.has_pitch:
+        raise ValueError(f"joint kind {kind}, expected one without a pitch")
+    if not kind.turns:
         return eye.expand(*q.shape, 3, 3), q[..., None] * unit[..., None, :]
-    if kind != "revolute":
-        raise ValueError(f"joint kind {kind!r}, expected 'prismatic' or 'revolute'")
     cross = _cross_matrix(unit)[..., None, :, :]
     angle = q[..., None, None]
     R = eye + torch.sin(angle) * cross + (1 - torch.cos(angle)) * (cross @ cross)

@@ -104,7 +104,7 @@ def _best_candidate(
     Every sampled point counts, however far its neighbour: with a match range, a state in which
     little of the part meets anything would win.
     """
-    limit = np.deg2rad(config.range_deg) if joint.kind == "revolute" else config.range_m
+    limit = np.deg2rad(config.range_deg) if joint.kind.turns else config.range_m
     candidates = np.linspace(0.0, limit, config.candidates)
     R, t = joint_motion(joint.kind, *_held(joint), torch.tensor(candidates, dtype=torch.float32))
     points = sampled(first, config.registration.sample, rng).points

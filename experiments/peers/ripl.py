@@ -25,6 +25,7 @@ from akm_fg.errors import MissingDependency
 from akm_fg.geometry.rigid_motion import free_rigid_motion
 from akm_fg.records import PointTracks
 from experiments.baselines.estimate import JointEstimate, joint_estimate
+from factors.joint import JointKind
 
 Array = NDArray[np.float64]
 
@@ -154,15 +155,16 @@ def estimate_of_twist(
     w, v = twist[:3], twist[3:]
     turning = float(w @ w)
     offset = np.cross(w, v) / turning if turning > 0 else np.full(3, np.inf)
-    kind = "revolute" if np.linalg.norm(offset) <= config.hinge_range_m else "prismatic"
-    axis = w if kind == "revolute" else v
+    near = np.linalg.norm(offset) <= config.hinge_range_m
+    kind = JointKind.REVOLUTE if near else JointKind.PRISMATIC
+    axis = w if kind.turns else v
     states = np.full(motion.total_frames, np.nan)
     states[motion.frames] = theta * np.linalg.norm(axis)
     centroid = motion.T_world_part[0, :3, 3]
     return joint_estimate(
         kind=kind,
         axis=axis,
-        point_on_axis=centroid + offset if kind == "revolute" else centroid,
+        point_on_axis=centroid + offset if kind.turns else centroid,
         states=states,
         part_centroid=centroid,
         losses={},

@@ -7,7 +7,7 @@ from experiments.baselines.coarse import coarse_alternatives, coarse_estimate  #
 from experiments.baselines.config import CoarseConfig  # noqa: E402
 from experiments.baselines.kinematics import joint_motion  # noqa: E402
 from experiments.trials.openings import make_opening  # noqa: E402
-from factors.joint import Joint  # noqa: E402
+from factors.joint import Joint, JointKind  # noqa: E402
 
 FEW = CoarseConfig(starts=30)
 
@@ -24,7 +24,7 @@ def test_the_motion_is_that_of_the_factors(kind):
     R = T[:3, :3] @ R_joint @ T[:3, :3].T
     t = t_joint @ T[:3, :3].T + T[:3, 3] - R @ T[:3, 3]
     double = [torch.tensor(v, dtype=torch.float64) for v in (7 * T[:3, 2], T[:3, 3], q)]
-    found = joint_motion(kind, *double)
+    found = joint_motion(JointKind(kind), *double)
     np.testing.assert_allclose(found[0], R, atol=1e-12)
     np.testing.assert_allclose(found[1], t, atol=1e-12)
 
@@ -74,7 +74,7 @@ def test_the_joint_is_that_of_the_start_with_the_loss_reported():
     alone, found = (coarse_alternatives(p, 0, CoarseConfig(starts=n))["revolute"] for n in (1, 10))
     assert found.losses["revolute"] < alone.losses["revolute"]  # a random start won
     joint = [torch.tensor(v) for v in (found.axis, found.pivot, found.states[1:])]
-    R, t = (v.numpy() for v in joint_motion("revolute", *joint))
+    R, t = (v.numpy() for v in joint_motion(JointKind.REVOLUTE, *joint))
     moved = np.einsum("tij,nj->tni", R, p[0]) + t[:, None]
     loss = np.linalg.norm(moved - p[1:], axis=-1).mean()
     assert found.losses["revolute"] == pytest.approx(loss, abs=1e-6)
