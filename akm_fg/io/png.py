@@ -1,15 +1,16 @@
-"""PNG files, checked before they are decoded.
+"""PNG files: the header is checked before anything is decoded, the rest before anything is used.
 
-OpenCV decodes a truncated PNG in part and only warns on stderr, so a file is walked chunk by
-chunk first (lengths, checksums, end marker, compressed stream: PNG specification, third
-edition, sections 5 and 10).
+Pillow decodes, and checks the chunks' checksums, but it reads past a missing end, and it hands on
+a channel of 16 bits in a colour image as 8. So the first chunk is read here (PNG specification,
+third edition, section 11.2.2): a file that claims other pixels than it should, or too many, is
+refused before memory is taken for them. OpenCV encodes: faster than Pillow, at the same size.
 """
 
 from __future__ import annotations
 
+import io
 import os
 import struct
-import zlib
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -17,12 +18,16 @@ from typing import Any
 import cv2
 import numpy as np
 from numpy.typing import NDArray
+from PIL import Image
 
 from akm_fg.errors import InputError, OutputError
 
 SIGNATURE = b"\x89PNG\r\n\x1a\n"
+END = b"\0\0\0\0IEND\xaeB`\x82"  # the last chunk, always these bytes
 GRAY = 0  # colour type of the header: one channel, no alpha
 COMPRESSION_LEVEL = 3  # zlib level: three times as fast as 9, files a tenth larger
+# Thirty times a depth camera's image, and below what Pillow itself warns about.
+MAX_PIXELS = 2**26
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,66 +40,63 @@ class PngHeader:
     colour_type: int
 
 
-def _chunks(data: bytes, place: Path) -> list[tuple[bytes, bytes]]:
-    """All (type, content) up to the end marker; refuses truncated and damaged files."""
+def _header(data: bytes, place: Path) -> PngHeader:
     if data[:8] != SIGNATURE:
         problem = "is empty" if not data else "is not a PNG"
         raise InputError(place, problem, "a PNG image")
-    chunks: list[tuple[bytes, bytes]] = []
-    at = len(SIGNATURE)
-    while not chunks or chunks[-1][0] != b"IEND":
-        if at + 12 > len(data):
-            raise InputError(place, f"is truncated after {len(data)} bytes", "a whole PNG image")
-        (length,) = struct.unpack_from(">I", data, at)
-        end = at + 8 + length
-        if end + 4 > len(data):
-            raise InputError(place, f"is truncated after {len(data)} bytes", "a whole PNG image")
-        (checksum,) = struct.unpack_from(">I", data, end)
-        if zlib.crc32(data[at + 4 : end]) != checksum:
-            raise InputError(place, f"is damaged near byte {at}", "a PNG with right checksums")
-        chunks.append((data[at + 4 : at + 8], data[at + 8 : end]))
-        at = end + 4
-    return chunks
-
-
-def _check(data: bytes, place: Path) -> PngHeader:
-    chunks = _chunks(data, place)
-    if chunks[0][0] != b"IHDR" or len(chunks[0][1]) != 13:
-        raise InputError(place, "has no PNG header", "a PNG image")
-    width, height, bit_depth, colour_type = struct.unpack_from(">IIBB", chunks[0][1])
-    stream = zlib.decompressobj()
     try:
-        stream.decompress(b"".join(content for kind, content in chunks if kind == b"IDAT"))
-    except zlib.error as e:
-        raise InputError(place, f"holds damaged image data ({e})", "a whole PNG image") from e
-    if not stream.eof:
-        raise InputError(place, "holds image data that stop early", "a whole PNG image")
-    return PngHeader(width, height, bit_depth, colour_type)
+        length, kind, *says = struct.unpack_from(">I4sIIBB", data, len(SIGNATURE))
+    except struct.error as e:
+        raise InputError(place, f"is truncated after {len(data)} bytes", "a whole PNG image") from e
+    if (length, kind) != (13, b"IHDR"):
+        raise InputError(place, "has no PNG header", "a PNG image")
+    return PngHeader(*says)
 
 
 def _load(path: Path, width: int, height: int) -> tuple[bytes, PngHeader]:
+    """The file as it is, and a header that claims the pixels it should."""
     try:
         data = path.read_bytes()
     except FileNotFoundError as e:
         raise InputError(path, "is missing", "one image a frame, numbered from 000000") from e
     except OSError as e:
         raise InputError(path, f"cannot be read ({e.strerror})", "a readable PNG image") from e
-    header = _check(data, path)
+    header = _header(data, path)
     if (header.width, header.height) != (width, height):
         raise InputError(
             path, f"is {header.width}x{header.height}", f"the camera's {width}x{height} pixels"
         )
+    if width * height > MAX_PIXELS:
+        raise InputError(path, f"claims {width}x{height} pixels", f"{MAX_PIXELS} at most")
     return data, header
 
 
-def _decode(data: bytes, flags: int, path: Path) -> NDArray[Any]:
+def _check_chunks(data: bytes, path: Path) -> None:
+    """Refuse truncated files and wrong checksums; nothing is decoded."""
+    stream, problem = io.BytesIO(data), None
     try:
-        image = cv2.imdecode(np.frombuffer(data, np.uint8), flags)
-    except cv2.error:  # e.g. more pixels than OpenCV's limit
-        image = None
-    if image is None:
-        raise InputError(path, "cannot be decoded", "a PNG image")
-    return np.asarray(image)
+        Image.open(stream, formats=("PNG",)).verify()
+    except (OSError, SyntaxError, ValueError, IndexError) as e:
+        problem = e
+    if END not in data or (problem is not None and stream.tell() == len(data)):
+        truncated = f"is truncated after {len(data)} bytes"
+        raise InputError(path, truncated, "a whole PNG image") from problem
+    if problem is not None:
+        near = f"is damaged near byte {stream.tell()}"
+        raise InputError(path, near, "a PNG with right checksums") from problem
+
+
+def _decode(data: bytes, path: Path) -> Image.Image:
+    _check_chunks(data, path)
+    image = Image.open(io.BytesIO(data), formats=("PNG",))
+    try:
+        image.load()
+    except (OSError, SyntaxError, ValueError) as e:
+        problem = f"holds damaged image data ({e})"
+        if "truncated" in str(e):
+            problem = "holds image data that stop early"
+        raise InputError(path, problem, "a whole PNG image") from e
+    return image
 
 
 def read_rgb(path: Path, width: int, height: int) -> NDArray[np.uint8]:
@@ -106,8 +108,7 @@ def read_rgb(path: Path, width: int, height: int) -> NDArray[np.uint8]:
     data, header = _load(path, width, height)
     if header.bit_depth != 8:
         raise InputError(path, f"has {header.bit_depth} bits a channel", "an 8 bit colour image")
-    bgr = _decode(data, cv2.IMREAD_COLOR, path)
-    return np.asarray(cv2.cvtColor(bgr, cv2.COLOR_BGR2RGB), dtype=np.uint8)
+    return np.array(_decode(data, path).convert("RGB"), dtype=np.uint8)
 
 
 def read_depth_raw(path: Path, width: int, height: int) -> NDArray[np.uint16]:
@@ -122,7 +123,7 @@ def read_depth_raw(path: Path, width: int, height: int) -> NDArray[np.uint16]:
         raise InputError(
             path, f"has {channels} of {header.bit_depth} bits", "depth as one channel of 16 bits"
         )
-    return np.asarray(_decode(data, cv2.IMREAD_UNCHANGED, path), dtype=np.uint16)
+    return np.array(_decode(data, path), dtype=np.uint16)
 
 
 def read_mask(path: Path, width: int, height: int) -> NDArray[np.bool_]:
@@ -134,7 +135,7 @@ def read_mask(path: Path, width: int, height: int) -> NDArray[np.bool_]:
     data, header = _load(path, width, height)
     if header.bit_depth not in (1, 8) or header.colour_type != GRAY:
         raise InputError(path, "is not an 8 bit gray image", "a mask of 0 and 255 in one channel")
-    mask = _decode(data, cv2.IMREAD_GRAYSCALE, path)
+    mask = np.asarray(_decode(data, path).convert("L"))
     other = mask[(mask != 0) & (mask != 255)]
     if other.size:
         raise InputError(path, f"holds the value {other[0]}", "a mask of 0 and 255")

@@ -2,6 +2,7 @@
 
 import json
 import struct
+import tracemalloc
 import zlib
 from dataclasses import replace
 from pathlib import Path
@@ -10,6 +11,7 @@ import cv2
 import gtsam
 import numpy as np
 import pytest
+from PIL import Image
 
 from akm_fg.errors import InputError, OutputError
 from akm_fg.io.recording import (
@@ -458,3 +460,53 @@ def test_a_mask_of_ones_is_refused(folder: Path) -> None:
     cv2.imwrite(str(folder / "mask/000000.png"), np.ones((24, 32), np.uint8))
     with pytest.raises(InputError, match="holds the value 1; expected a mask of 0 and 255"):
         read_recording(folder)
+
+
+def _png(width: int, height: int, stream: bytes) -> bytes:
+    """A 16 bit gray PNG with right checksums that claims this size."""
+    header = struct.pack(">IIBBBBB", width, height, 16, 0, 0, 0, 0)
+    chunks = [(b"IHDR", header), (b"IDAT", zlib.compress(stream)), (b"IEND", b"")]
+    packed = (
+        struct.pack(">I", len(c)) + kind + c + struct.pack(">I", zlib.crc32(kind + c))
+        for kind, c in chunks
+    )
+    return b"\x89PNG\r\n\x1a\n" + b"".join(packed)
+
+
+@pytest.mark.parametrize("size", [(32, 24), (20000, 20000)])
+def test_an_image_that_unpacks_to_more_than_its_place_takes_no_memory(
+    folder: Path, size: tuple[int, int]
+) -> None:
+    path, bomb = folder / "depth/000001.png", 2**26
+    path.write_bytes(_png(*size, bytes(bomb)))
+    tracemalloc.start()
+    try:
+        if size != (32, 24):
+            with pytest.raises(InputError, match="is 20000x20000; expected the camera's 32x24"):
+                read_recording(folder)
+        else:
+            assert np.isnan(read_recording(folder).frames[1].depth_m).all()
+        assert tracemalloc.get_traced_memory()[1] < bomb / 16
+    finally:
+        tracemalloc.stop()
+
+
+def test_a_recording_that_claims_as_much_as_its_bomb_is_refused(folder: Path) -> None:
+    camera = {"width": 20000, "height": 20000, "fx": 1.0, "fy": 1.0, "cx": 0.0, "cy": 0.0}
+    edit(folder, camera=camera)
+    (folder / "rgb/000000.png").write_bytes(_png(20000, 20000, b""))
+    with pytest.raises(InputError, match=r"claims 20000x20000 pixels; expected 67108864 at most"):
+        read_recording(folder)
+
+
+def test_a_gray_or_palette_image_is_read_as_colour_without_its_transparency(folder: Path) -> None:
+    gray = np.random.default_rng(0).integers(0, 256, (24, 32), dtype=np.uint8)
+    path = folder / "rgb/000000.png"
+    want = np.repeat(gray[..., None], 3, axis=2)
+    Image.fromarray(gray).save(path)
+    np.testing.assert_array_equal(read_recording(folder).frames[0].rgb, want)
+    palette = Image.fromarray(gray).convert("P")
+    palette.save(path, transparency=0)
+    np.testing.assert_array_equal(read_recording(folder).frames[0].rgb, want)
+    cv2.imwrite(str(path), np.dstack([want, 255 - gray]))
+    np.testing.assert_array_equal(read_recording(folder).frames[0].rgb, want)
