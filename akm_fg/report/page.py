@@ -1,22 +1,28 @@
-"""Puts a run on one self-contained page: no scripts, no network, no other files."""
+"""Puts a run on one self-contained page: no scripts, no network, no other files.
+
+The page is `templates/page.html` with its `style.css`; Jinja2 escapes all that is put in but the
+plots, which are made here. This module says what is put in, as plain text.
+"""
 
 from __future__ import annotations
 
 import base64
 import re
-from html import escape as escape_html
+from dataclasses import dataclass
+from functools import cache
 
 import numpy as np
+from jinja2 import Environment, PackageLoader, StrictUndefined, Template
+from markupsafe import Markup
 
 from akm_fg.posterior import normal_bound
 from akm_fg.report.overlay import Colour, OverlayConfig, region_name
-from akm_fg.report.pictures import Picture, axis_note, band_magnification, pictures
+from akm_fg.report.pictures import axis_note, band_magnification, pictures
 from akm_fg.report.plots import kinds_svg, states_svg
-from akm_fg.report.rows import Row, score_rows
+from akm_fg.report.rows import score_rows, target_words
 from akm_fg.report.sentences import reading, verdict, what_was_done
 from akm_fg.report.summary import CONFIDENCE, ArmRecord, RunSummary
-from akm_fg.report.template import PAGE
-from akm_fg.report.wording import NONE, chosen, duration, per_cent, size, state
+from akm_fg.report.wording import NONE, duration, per_cent, size, state
 
 _VERDICT_CLASS = {
     "reached": "good",
@@ -25,68 +31,74 @@ _VERDICT_CLASS = {
     "failed": "bad",
     "wrong": "bad",
 }
+_ROUND_COLUMNS = ("sent to", "believed state", "95 % bound", "probability within tolerance")
 
 
-def escape(text: str) -> str:
-    """HTML of a plain text; numbers stay on one line with their units."""
-    return re.sub(r"(?<=\d) (?=(?:%|cm|px|ms|s)\b|%)", "\N{NO-BREAK SPACE}", escape_html(text))
+@dataclass(frozen=True, slots=True)
+class _Legend:
+    """One entry below a picture."""
+
+    words: str
+    shape: str | None = None  # "": a dot, "line", "dash"; None: no mark
+    colour: Colour | None = None
 
 
 def render_page(summary: RunSummary) -> str:
     """The report as HTML."""
     config = OverlayConfig()
-    head, rest = verdict(summary)
-    return PAGE.substitute(
-        title=escape(summary.title),
-        sentence=escape(what_was_done(summary)),
+    posterior, goal = summary.posterior, summary.goal
+    return _template().render(
+        title=summary.title,
+        sentence=what_was_done(summary),
         verdict_class=_VERDICT_CLASS.get(summary.verdict, ""),
-        verdict=f"<b>{escape(head)}</b> {escape(rest)}",
-        notes=_notes(summary),
-        pictures=_pictures(summary, config),
-        results=_results(score_rows(summary)),
+        verdict=verdict(summary),
+        warnings=() if posterior is None else posterior.fit.warnings,
+        legend=_legend(summary, config),
+        pictures=pictures(summary, config),
+        axis_note=axis_note(summary, config),
+        rows=score_rows(summary),
         plots=_plots(summary),
+        target="" if goal is None else target_words(goal),
+        round_columns=_ROUND_COLUMNS,
         rounds=_rounds(summary),
-        reading=_definitions(reading(summary)),
-        command=escape(summary.command),
+        reading=reading(summary),
+        command=summary.command,
         facts=_facts(summary),
     )
 
 
-def _notes(summary: RunSummary) -> str:
-    warnings = summary.posterior.fit.warnings if summary.posterior is not None else ()
-    return "".join(f'<p class="soft">Note: {escape(w)}</p>' for w in warnings)
-
-
-def _picture(picture: Picture) -> str:
-    data = base64.b64encode(picture.jpeg).decode()
-    caption = escape(picture.caption)
-    return (
-        f'<figure><img width="{picture.width}" height="{picture.height}" alt="{caption}" '
-        f'src="data:image/jpeg;base64,{data}"><figcaption>{caption}</figcaption></figure>'
+@cache
+def _template() -> Template:
+    environment = Environment(
+        loader=PackageLoader("akm_fg.report"),
+        autoescape=True,
+        undefined=StrictUndefined,
+        finalize=_with_its_unit,
+        trim_blocks=True,
+        lstrip_blocks=True,
     )
+    environment.filters["base64"] = lambda data: base64.b64encode(data).decode()
+    return environment.get_template("page.html")
 
 
-def _pictures(summary: RunSummary, config: OverlayConfig) -> str:
-    main, *others = (_picture(p) for p in pictures(summary, config))
-    note = axis_note(summary, config)
-    words = "" if note is None else f"<p>{escape(note)}</p>"
-    small = f'<div class="small">{"".join(others)}</div>' if others else ""
-    return _legend(summary, config) + main + words + small
+def _with_its_unit(value: object) -> object:
+    """A plain text whose numbers stay on one line with their units."""
+    if not isinstance(value, str) or isinstance(value, Markup):
+        return value
+    return re.sub(r"(?<=\d) (?=(?:%|cm|px|ms|s)\b|%)", "\N{NO-BREAK SPACE}", value)
 
 
-def _legend(summary: RunSummary, config: OverlayConfig) -> str:
-    def mark(colour: Colour, shape: str = "") -> str:
-        return f'<i class="{shape}" style="background:rgb{colour}"></i>'
-
+def _legend(summary: RunSummary, config: OverlayConfig) -> list[_Legend]:
     items = []
     tracks = summary.tracks
     if tracks is not None:
-        other = ~(tracks.moving | tracks.static)
+        moving, static = int(tracks.moving.sum()), int(tracks.static.sum())
+        other = int((~(tracks.moving | tracks.static)).sum())
         items += [
-            f"{mark(config.moving)}moving part ({int(tracks.moving.sum())} points)",
-            f"{mark(config.static)}at rest ({int(tracks.static.sum())})",
-            f"{mark(config.rejected)}rejected or undecided ({int(other.sum())})",
-            f"tails: the last {config.tail_frames} frames",
+            _Legend(f"moving part ({moving} points)", "", config.moving),
+            _Legend(f"at rest ({static})", "", config.static),
+            _Legend(f"rejected or undecided ({other})", "", config.rejected),
+            _Legend(f"tails: the last {config.tail_frames} frames"),
         ]
     joint = summary.posterior.best.joint if summary.posterior is not None else None
     if joint is not None:
@@ -94,60 +106,31 @@ def _legend(summary: RunSummary, config: OverlayConfig) -> str:
         factor = band_magnification(summary, config)
         if factor != 1:
             words += f", drawn {factor} × as wide"
-        items.append(mark(config.axis, "line") + words)
+        items.append(_Legend(words, "line", config.axis))
         if summary.truth is not None and summary.truth.kind == joint.kind:
-            items.append('<i class="dash"></i>true axis')
-    return '<ul class="legend">' + "".join(f"<li>{item}</li>" for item in items) + "</ul>"
+            items.append(_Legend("true axis", "dash"))
+    return items
 
 
-def _cell(label: str, text: str, colour: str = "") -> str:
-    return f'<td data-label="{label}" class="{colour}">{escape(text)}</td>'
-
-
-def _results(rows: tuple[Row, ...]) -> str:
-    if not rows:
-        return "<p>No joint could be estimated, so there is nothing to list.</p>"
-    colours = {True: "good", False: "bad", None: ""}
-    body = "".join(
-        f'<tr><th scope="row">{escape(row.quantity)}</th>'
-        + _cell("estimate", row.estimate)
-        + _cell("95 % bound", row.bound)
-        + _cell("true error", row.error, colours[row.good])
-        + "</tr>"
-        for row in rows
-    )
-    heads = ("quantity", "estimate", "95 % bound", "true error")
-    head = "".join(f'<th scope="col">{name}</th>' for name in heads)
-    note = ""
-    if any(row.good is not None for row in rows):
-        note = '<p class="soft">Green: right, or within its bound. Red: not.</p>'
-    return f"<table><thead><tr>{head}</tr></thead><tbody>{body}</tbody></table>{note}"
-
-
-def _plots(summary: RunSummary) -> str:
+def _plots(summary: RunSummary) -> list[tuple[Markup, str]]:
+    """Each plot and its caption."""
     plots = []
     states = states_svg(summary)
     if states is not None:
-        plots.append((states, "State over time, and the size of its uncertainty."))
+        plots.append((Markup(states), "State over time, and the size of its uncertainty."))
     if summary.posterior is not None:
         kinds = kinds_svg(summary.posterior, CONFIDENCE)
-        plots.append((kinds, "Probability of each joint kind."))
-    figures = "".join(
-        f'<figure role="img" aria-label="{words}"><div class="plot">{svg}</div>'
-        f"<figcaption>{words}</figcaption></figure>"
-        for svg, words in plots
-    )
-    return f'<div class="plots">{figures}</div>' if figures else ""
+        plots.append((Markup(kinds), "Probability of each joint kind."))
+    return plots
 
 
-def _rounds(summary: RunSummary) -> str:
-    """The closed loop, round by round."""
+def _rounds(summary: RunSummary) -> list[tuple[str, tuple[str, ...]]]:
+    """The closed loop, round by round: when, and what `_ROUND_COLUMNS` names."""
     goal = summary.goal
-    if goal is None or not summary.rounds:
-        return ""
-    names = ("when", "sent to", "believed state", "95 % bound", "probability within tolerance")
-    head = "".join(f'<th scope="col">{name}</th>' for name in names)
-    body, moves = [], 0
+    if goal is None:
+        return []
+    rows: list[tuple[str, tuple[str, ...]]] = []
+    moves = 0
     for r in summary.rounds:
         moves += r.commanded is not None
         texts = (
@@ -156,22 +139,11 @@ def _rounds(summary: RunSummary) -> str:
             size(normal_bound() * r.state_sd, goal.unit),
             per_cent(r.p_within_tolerance),
         )
-        cells = "".join(_cell(n, t) for n, t in zip(names[1:], texts, strict=True))
-        when = "first look" if r.commanded is None else f"move {moves}"
-        body.append(f'<tr><th scope="row">{when}</th>{cells}</tr>')
-    target = f"{chosen(goal.target, goal.unit)} ± {chosen(goal.tolerance, goal.unit)}"
-    return (
-        f"<h2>Closed loop: target {target}</h2>"
-        f"<table><thead><tr>{head}</tr></thead><tbody>{''.join(body)}</tbody></table>"
-    )
+        rows.append(("first look" if r.commanded is None else f"move {moves}", texts))
+    return rows
 
 
-def _definitions(rows: list[tuple[str, str]]) -> str:
-    pairs = "".join(f"<dt>{escape(term)}</dt><dd>{escape(text)}</dd>" for term, text in rows)
-    return f"<dl>{pairs}</dl>"
-
-
-def _facts(summary: RunSummary) -> str:
+def _facts(summary: RunSummary) -> list[tuple[str, str]]:
     rows = [("version", summary.version), ("seed", str(summary.seed))]
     rows.append(("recording", f"{summary.recording.name}, {_clip(summary)}"))
     if summary.posterior is not None:
@@ -186,7 +158,7 @@ def _facts(summary: RunSummary) -> str:
     rows += _arm_facts(summary.arm)
     times = ", ".join(f"{name} {duration(t)}" for name, t in summary.time_s.items())
     rows.append(("time per stage", times or NONE))
-    return "".join(f"<dt>{escape(term)}</dt><dd>{escape(text)}</dd>" for term, text in rows)
+    return rows
 
 
 def _arm_facts(arm: ArmRecord | None) -> list[tuple[str, str]]:

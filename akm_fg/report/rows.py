@@ -13,7 +13,7 @@ from akm_fg.posterior import (
     normal_bound,
 )
 from akm_fg.report.score import Score, coverage, score
-from akm_fg.report.summary import RunSummary
+from akm_fg.report.summary import Goal, RunSummary
 from akm_fg.report.wording import NONE, chosen, per_cent, signed, size, state, vector
 
 
@@ -133,6 +133,11 @@ def _state_rows(states: StatePosterior, found: Score | None) -> list[Row]:
     ]
 
 
+def target_words(goal: Goal) -> str:
+    """Where the part was wanted, and how exactly ("30 cm ± 1 cm")."""
+    return f"{chosen(goal.target, goal.unit)} ± {chosen(goal.tolerance, goal.unit)}"
+
+
 def _final_rows(summary: RunSummary) -> list[Row]:
     """What the closed loop ended with; the target is in the row's name."""
     goal = summary.goal
@@ -142,10 +147,9 @@ def _final_rows(summary: RunSummary) -> list[Row]:
     bound = normal_bound() * end.state_sd
     true = summary.final_state_true
     error = None if true is None else end.state_mean - true
-    target = f"{chosen(goal.target, goal.unit)} ± {chosen(goal.tolerance, goal.unit)}"
     return [
         Row(
-            f"final state (target {target})",
+            f"final state (target {target_words(goal)})",
             state(end.state_mean, goal.unit),
             size(bound, goal.unit),
             signed(error, goal.unit),
