@@ -1,6 +1,7 @@
 """Files that are made once and kept in the user's cache folder between runs.
 
-`$XDG_CACHE_HOME/akm-fg`, or `~/.cache/akm-fg`, or the temporary folder where there is no home.
+`$XDG_CACHE_HOME/akm-fg`, or `~/.cache/akm-fg` (other systems: where `platformdirs` says), or the
+temporary folder where there is no home.
 An entry is a folder that is made beside its place and renamed into it when it is whole: an
 interruption leaves no half entry, and of several processes that make the same one, the first
 wins. What nobody has used for a month goes when something new is made. The folder may be deleted
@@ -20,6 +21,8 @@ import time
 from collections.abc import Callable
 from pathlib import Path
 
+import platformdirs
+
 import akm_fg.arm
 
 LOG = logging.getLogger(__name__)
@@ -33,13 +36,13 @@ DEPENDENCIES = ("numpy", "scipy", "scene_synthesizer", "trimesh", "pin", "coacd"
 
 def cache_folder() -> Path:
     """Where entries live; it exists."""
-    base = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "akm-fg"
     try:
+        base = platformdirs.user_cache_path("akm-fg", appauthor=False)
         base.mkdir(parents=True, exist_ok=True)
         if os.access(base, os.W_OK):
             return base
-    except OSError as error:
-        LOG.debug("%s: %s", base, error)
+    except (OSError, RuntimeError) as error:  # RuntimeError: nobody knows this user's home
+        LOG.debug("no cache folder: %s", error)
     base = Path(tempfile.gettempdir()) / f"akm-fg-cache-{os.getuid()}"
     base.mkdir(parents=True, exist_ok=True)
     return base

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import os
+import pwd
 import shutil
+import tempfile
 import threading
 import time
 from pathlib import Path
@@ -22,6 +24,23 @@ from sim.objects.staging import build_and_place, find_spec, stage
 def own_cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
     return tmp_path / "akm-fg"
+
+
+def test_a_user_chooses_the_folder_has_one_in_the_home_or_gets_a_temporary_one(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    assert cache_folder() == tmp_path / "akm-fg"  # XDG_CACHE_HOME
+    monkeypatch.delenv("XDG_CACHE_HOME")
+    monkeypatch.setenv("HOME", str(tmp_path / "home"))
+    assert cache_folder() == tmp_path / "home" / ".cache" / "akm-fg"
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
+    temporary = tmp_path / f"akm-fg-cache-{os.getuid()}"
+    (tmp_path / "file").touch()
+    monkeypatch.setenv("HOME", str(tmp_path / "file"))  # nothing can be made below it
+    assert cache_folder() == temporary and temporary.is_dir()
+    monkeypatch.delenv("HOME")
+    monkeypatch.setattr(pwd, "getpwuid", lambda uid: {}[uid])  # a user without an entry
+    assert cache_folder() == temporary
 
 
 def test_an_entry_is_made_once():
