@@ -9,6 +9,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy import stats
 
+from akm_fg.records import FloatArray
+
 LEVEL = 0.95
 
 
@@ -29,11 +31,8 @@ def wilson(successes: int, trials: int, level: float = LEVEL) -> Estimate:
     """
     if not 0 <= successes <= trials or trials == 0:
         raise ValueError(f"{successes} successes in {trials} trials")
-    z = float(stats.norm.ppf(0.5 + level / 2))
-    share, weight = successes / trials, z * z / trials
-    middle = (share + weight / 2) / (1 + weight)
-    half = z * np.sqrt(share * (1 - share) / trials + weight / (4 * trials)) / (1 + weight)
-    return Estimate(share, max(float(middle - half), 0.0), min(float(middle + half), 1.0))
+    interval = stats.binomtest(successes, trials).proportion_ci(level, method="wilson")
+    return Estimate(successes / trials, float(interval.low), float(interval.high))
 
 
 def share(flags: Sequence[bool], level: float = LEVEL) -> Estimate:
@@ -56,10 +55,12 @@ def median(values: ArrayLike, level: float = LEVEL) -> Estimate:
     n = ordered.size
     if n == 0 or np.isnan(ordered).any():
         raise ValueError(f"{n} values, NaN among them: {bool(np.isnan(ordered).any())}")
-    k = max(int(stats.binom.ppf((1 - level) / 2, n, 0.5)), 1)
     middle = (ordered[(n - 1) // 2], ordered[n // 2])
     value = middle[0] if middle[0] == middle[1] else sum(middle) / 2  # inf stays inf
-    return Estimate(float(value), float(ordered[k - 1]), float(ordered[n - k]))
+    low, high = stats.quantile_test(ordered, p=0.5).confidence_interval(level)
+    if np.isnan(low):  # too few
+        low, high = ordered[0], ordered[-1]
+    return Estimate(float(value), float(low), float(high))
 
 
 def rms_ratio(
@@ -74,10 +75,23 @@ def rms_ratio(
         draws: how many.
     """
     e2, v = np.asarray(squares, dtype=float), np.asarray(expected, dtype=float)
-    pick = rng.integers(0, e2.size, (draws, e2.size))
-    ratios = np.sqrt(e2[pick].sum(axis=1) / v[pick].sum(axis=1))
-    low, high = np.quantile(ratios, [(1 - LEVEL) / 2, (1 + LEVEL) / 2])
-    return Estimate(float(np.sqrt(e2.sum() / v.sum())), float(low), float(high))
+    value = float(_root_of_ratio(e2, v))
+    if e2.size < 2:  # one trial says nothing of another
+        return Estimate(value, value, value)
+    drawn = stats.bootstrap(
+        (e2, v),
+        _root_of_ratio,
+        paired=True,
+        n_resamples=draws,
+        method="percentile",
+        confidence_level=LEVEL,
+        rng=rng,
+    )
+    return Estimate(value, *(float(end) for end in drawn.confidence_interval))
+
+
+def _root_of_ratio(squares: FloatArray, expected: FloatArray, axis: int = -1) -> FloatArray:
+    return np.asarray(np.sqrt(squares.sum(axis=axis) / expected.sum(axis=axis)))
 
 
 def mean_nees(total_nees: float, dof: int) -> Estimate:

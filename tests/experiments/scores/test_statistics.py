@@ -42,6 +42,12 @@ def test_median_interval_holds_the_median_as_often_as_it_says():
     assert 950 <= inside <= 990  # the order statistics of 31 give 0.9706
 
 
+def test_fewer_than_six_values_have_no_interval_but_their_range():
+    found = median([5.0, 1.0, 4.0, 2.0, 3.0])
+    assert (found.value, found.low, found.high) == (3.0, 1.0, 5.0)
+    assert median(np.arange(6.0)).low == 0.0  # P(Binomial(6, 1/2) < 1) = 0.0156
+
+
 def test_trials_without_a_value_are_infinitely_far_off_and_nan_is_refused():
     assert median([1.0, 2.0, np.inf, np.inf, np.inf]).value == np.inf
     assert median([np.inf, np.inf]).value == np.inf
@@ -56,6 +62,11 @@ def test_rms_ratio_is_one_for_errors_as_large_as_expected():
     assert found.low < 1 < found.high
     assert_allclose(found.value, 1, atol=0.12)
     assert_allclose(rms_ratio([4.0, 4.0], [1.0, 1.0], rng).value, 2.0)
+
+
+def test_one_trial_has_a_ratio_and_no_spread():
+    found = rms_ratio([9.0], [1.0], np.random.default_rng(0))
+    assert (found.value, found.low, found.high) == (3.0, 3.0, 3.0)
 
 
 def test_band_of_the_mean_nees_is_chi_squares_over_the_degrees_of_freedom():
