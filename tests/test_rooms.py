@@ -64,9 +64,23 @@ def test_doors_open_one_way_only(path):
 
 
 def test_importing_the_package_loads_nothing_heavy():
-    code = "import sys, akm_fg; print([m for m in ('numpy', 'gtsam', 'cv2') if m in sys.modules])"
+    heavy = ("numpy", "gtsam", "cv2", "open3d")
+    code = f"import sys, akm_fg; print([m for m in {heavy} if m in sys.modules])"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.strip() == "[]"
+
+
+def test_no_command_loads_open3d_before_it_needs_it():
+    modules = [path.stem for path in sorted((ROOT / "akm_fg" / "cli").glob("[!_]*.py"))]
+    code = f"""
+import importlib, sys
+for name in {modules}:
+    importlib.import_module(f"akm_fg.cli.{{name}}")
+import akm_fg.pipeline
+print("open3d" in sys.modules)
+"""
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == "False"
 
 
 ARM_ALONE = """

@@ -6,7 +6,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial import cKDTree
 
 Array = NDArray[np.float64]
 
@@ -42,10 +41,11 @@ def part_cloud(points: Array, neighbours: int = NORMAL_NEIGHBOURS) -> PartCloud:
         raise ValueError(f"points {points.shape}, expected (N, 3) with three points at least")
     if not np.isfinite(points).all():
         raise ValueError("points must be finite: leave out what was not seen")
-    _, near = cKDTree(points).query(points, k=min(neighbours, len(points)))
-    patch = points[near] - points[near].mean(axis=1, keepdims=True)
-    _, axes = np.linalg.eigh(np.einsum("nki,nkj->nij", patch, patch))
-    return PartCloud(points, axes[:, :, 0])
+    import open3d as o3d  # seconds to load, and keyframes are chosen without it
+
+    cloud = o3d.geometry.PointCloud(o3d.utility.Vector3dVector(points))
+    cloud.estimate_normals(o3d.geometry.KDTreeSearchParamKNN(neighbours))
+    return PartCloud(points, np.array(cloud.normals))
 
 
 def choose_keyframes(states: Array, count: int) -> NDArray[np.int64]:
