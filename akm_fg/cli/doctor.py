@@ -43,20 +43,26 @@ PACKAGES = (
     Package("scipy", "scipy.stats", "everything", False),
     Package("gtsam", "gtsam", "the estimator", False),
     Package("opencv-python-headless", "cv2", "images, tracking", False),
+    Package("pillow", "PIL.Image", "recordings", False),
+    Package("open3d", "open3d", "point clouds, ray casting", False),
+    Package("filterpy", "filterpy.kalman", "filters", False),
     Package("scikit-learn", "sklearn.cluster", "motion segmentation", False),
     Package("ruckig", "ruckig", "timing of motions", False),
     Package("matplotlib", "matplotlib", "plots in reports", False),
+    Package("jinja2", "jinja2", "reports", False),
     Package("tyro", "tyro", "the command line", False),
     Package("rich", "rich", "tables in the terminal", False),
     Package("pin", "pinocchio", ARM, True),
     Package("pin-pink", "pink", ARM, True),
     Package("daqp", "daqp", ARM, True),
     Package("ompl", "ompl.geometric", ARM, True),
-    Package("open3d-cpu", "open3d", ARM, True),
     Package("pybullet", "pybullet", "akm-fg demo (extra: sim)", True),
+    Package("platformdirs", "platformdirs", "akm-fg demo (extra: sim)", True),
     Package("scene_synthesizer", "scene_synthesizer", "akm-fg demo (extra: sim)", True),
     Package("coacd", "coacd", "one's own URDFs (extra: sim)", True),
 )
+# Other names under which the same package is published.
+BUILDS = {"open3d": ("open3d-cpu",)}
 
 
 @dataclass(frozen=True, slots=True)
@@ -72,10 +78,8 @@ class Finding:
 
 def examine(package: Package) -> Finding:
     """Version of a package and whether it loads; a missing system library shows here."""
-    try:
-        version: str | None = importlib.metadata.version(package.name)
-    except importlib.metadata.PackageNotFoundError:
-        version = None
+    versions = (_version(name) for name in (package.name, *BUILDS.get(package.name, ())))
+    version = next((found for found in versions if found is not None), None)
     problem = None
     if version is None:
         problem = "not installed"
@@ -85,6 +89,13 @@ def examine(package: Package) -> Finding:
         except (ImportError, OSError) as error:
             problem = f"does not load: {str(error).splitlines()[0]}"
     return Finding(package.name, version, problem, package.optional, package.needed_for)
+
+
+def _version(name: str) -> str | None:
+    try:
+        return importlib.metadata.version(name)
+    except importlib.metadata.PackageNotFoundError:
+        return None
 
 
 def renderer() -> str:
