@@ -1,6 +1,7 @@
 # Everything works in .venv, which the first target that needs it sets up; the second run does not.
 #   make demo    the main job: a simulated robot opens a cabinet it has never seen
 #   make test    the tests
+#   make lint    ruff and mypy
 #   make check   ruff, mypy and the tests
 #   make slow    the statistical and long tests
 #   make bench   timings
@@ -16,7 +17,7 @@ PIP := $(BIN)/python -m pip --disable-pip-version-check --quiet
 # Byte code is made at first import: compiling all of it takes longer than the tests need.
 INSTALL := $(PIP) install --no-compile
 
-.PHONY: demo test check slow bench peer experiments lock clean
+.PHONY: demo test lint check slow bench peer experiments lock clean
 
 demo: $(READY)
 	$(BIN)/akm-fg demo
@@ -24,11 +25,12 @@ demo: $(READY)
 test: $(READY)
 	$(BIN)/python -m pytest
 
-check: $(READY)
+lint: $(READY)
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
-	$(BIN)/python -m pytest
+
+check: lint test
 
 slow: $(READY)
 	$(BIN)/python -m pytest -m slow --durations=10

@@ -33,6 +33,7 @@ from sim.bullet import p
 from sim.camera.camera import CameraConfig, SimCamera
 from sim.camera.views import camera_pose, sample_view
 from sim.objects.suites.catalogue import SUITES
+from sim.objects.suites.furniture_spec import FurnitureSpec
 from sim.robot.contacts import contacts, finger_links, nearby
 from sim.robot.franka import SimFranka
 from sim.robot.true_obstacles import true_obstacles
@@ -72,7 +73,9 @@ def run_trial(trial: int, seed: int = 0) -> ApproachRow:
         for joint, q in enumerate(start):
             p.resetJointState(world.robot_id, joint, float(q), physicsClientId=world.client)
         arm = SimFranka(world)
-        view = camera_pose(world, sample_view(rng, max(world.spec.front_m)))
+        spec = world.spec
+        assert isinstance(spec, FurnitureSpec)  # as all of the suites
+        view = camera_pose(world, sample_view(rng, max(spec.front_m)))
         camera = SimCamera(world, view, trial, CameraConfig())
         try:
             frame = camera.capture()

@@ -163,18 +163,18 @@ def table(rows: list[PullRow]) -> str:
     lines = []
     for way, kind in sorted({(row.way, row.kind) for row in rows}, reverse=True):
         of = [row for row in rows if (row.way, row.kind) == (way, kind)]
-        slips = [row for row in of if row.opened and row.slip_m is not None]
+        slip_m = [row.slip_m for row in of if row.opened and row.slip_m is not None]
+        slip_rad = [row.slip_rad for row in of if row.opened and row.slip_rad is not None]
+        slip_deg = np.rad2deg(slip_rad)
         used = [row.usage for row in of if row.usage]
         filtered = [row.usage_filtered for row in of if row.usage_filtered]
-        slip_m = [row.slip_m for row in slips]
-        slip_deg = np.rad2deg([row.slip_rad for row in slips])
         lines.append(
             [
                 f"{way}, {kind}",
                 f"{sum(row.opened for row in of)} of {len(of)}",
                 percent(share([row.opened for row in of])),
-                f"{1e3 * np.median(slip_m):.1f} / {1e3 * max(slip_m):.1f}" if slips else "",
-                f"{np.median(slip_deg):.1f} / {max(slip_deg):.1f}" if slips else "",
+                f"{1e3 * np.median(slip_m):.1f} / {1e3 * max(slip_m):.1f}" if slip_m else "",
+                f"{np.median(slip_deg):.1f} / {max(slip_deg):.1f}" if slip_rad else "",
                 f"{sum(bool(row.touched) for row in of)}",
                 f"{max(u.velocity for u in used):.2f}",
                 f"{max(u.acceleration for u in used):.2f}",

@@ -19,6 +19,7 @@ import sys
 import time
 from collections.abc import Callable
 from dataclasses import asdict, dataclass
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -112,7 +113,7 @@ def curves(repeats: int) -> list[Timing]:
         for tracks, frames in sizes:
             for repeat in range(repeats):
                 opening = make_opening(repeat, KINDS[repeat % 2], points=tracks, frames=frames)
-                seconds, axis = _timed(lambda o=opening: _graph(o, None))
+                seconds, axis = _timed(partial(_graph, opening, None))
                 error = float(np.degrees(axis_angle_rad(axis, opening.axis)))
                 rows.append(
                     Timing(what, "graph", opening.kind, tracks, frames, repeat, seconds, error)
