@@ -13,7 +13,6 @@ from __future__ import annotations
 
 import argparse
 import json
-import resource
 import subprocess
 import sys
 import time
@@ -123,20 +122,21 @@ def curves(repeats: int) -> list[Timing]:
 
 
 def peak_memory_mb() -> float:
-    """Of a fresh process that fits tracks and surfaces once."""
+    """Of a fresh process that fits tracks and surfaces once (Linux).
+
+    Not `ru_maxrss`: a process inherits that of the one that started it.
+    """
     code = (
-        "from experiments import speed; from experiments.trials.openings import make_opening;"
+        "import re; from akm_fg.estimation.fit import fit_tracks;"
+        "from experiments.trials.openings import make_opening;"
         "from experiments.trials.panel_camera import PanelCamera;"
-        "o = make_opening(0, points=200, frames=30); speed._graph(o, PanelCamera(o, 0));"
-        "print(speed.own_peak_mb())"
+        "o = make_opening(0, points=200, frames=30);"
+        "fit_tracks(o.tracks, surface=PanelCamera(o, 0));"
+        "status = open('/proc/self/status').read();"
+        "print(int(re.search(r'VmHWM:\\s*(\\d+) kB', status)[1]) / 1024)"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     return float(done.stdout.split()[-1])
-
-
-def own_peak_mb() -> float:
-    """Largest resident size of this process so far."""
-    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
 
 
 def table(rows: list[Timing]) -> str:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+import open3d as o3d
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
@@ -41,8 +42,6 @@ def part_cloud(points: Array, neighbours: int = NORMAL_NEIGHBOURS) -> PartCloud:
         raise ValueError(f"points {points.shape}, expected (N, 3) with three points at least")
     if not np.isfinite(points).all():
         raise ValueError("points must be finite: leave out what was not seen")
-    import open3d as o3d  # seconds to load, and keyframes are chosen without it
-
     cloud = o3d.geometry.PointCloud(o3d.utility.Vector3dVector(points))
     cloud.estimate_normals(o3d.geometry.KDTreeSearchParamKNN(neighbours))
     return PartCloud(points, np.array(cloud.normals))
