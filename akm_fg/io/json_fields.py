@@ -152,7 +152,5 @@ class Fields:
             raise self.error(name, "is a reflection (determinant -1)", expected)
         if not np.allclose(matrix[3], [0, 0, 0, 1], atol=1e-9):
             raise self.error(name, "has a last row other than 0 0 0 1", expected)
-        if defect > EXACT_TOLERANCE:
-            U, _, Vt = np.linalg.svd(R)
-            R = U @ Vt
-        return gtsam.Pose3(gtsam.Rot3(R), matrix[:3, 3])
+        rotation = gtsam.Rot3(R) if defect <= EXACT_TOLERANCE else gtsam.Rot3.ClosestTo(R)
+        return gtsam.Pose3(rotation, matrix[:3, 3])

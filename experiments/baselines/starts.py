@@ -12,6 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 
 from experiments.baselines.config import CoarseConfig
 
@@ -82,7 +83,8 @@ def revolute_starts(points: Array, config: CoarseConfig, rng: np.random.Generato
     about = rng.normal(size=(extra, 3))
     about /= np.linalg.norm(about, axis=1, keepdims=True)
     angles = np.deg2rad(rng.uniform(0.0, config.axis_range_deg, extra))
-    axes = np.concatenate([axis[None], _turned(axis, about, angles)])
+    turned = Rotation.from_rotvec(angles[:, None] * about).apply(axis)
+    axes = np.concatenate([axis[None], turned])
     pivots = np.concatenate([pivot[None], pivots])
     moved = centroid_displacements(points)
     arm = points[0].mean(axis=0) - pivots
@@ -93,14 +95,6 @@ def revolute_starts(points: Array, config: CoarseConfig, rng: np.random.Generato
 def _last_seen_frame(points: Array) -> int:
     """The last frame in which any point was seen."""
     return int(np.flatnonzero(observed(points).any(axis=1))[-1])
-
-
-def _turned(v: Array, about: Array, angles: Array) -> Array:
-    """Vector (3,) turned about unit vectors (B, 3) by angles (B,), (B, 3) (Rodrigues)."""
-    c, s = np.cos(angles)[:, None], np.sin(angles)[:, None]
-    along = (about @ v)[:, None] * about
-    turned: Array = c * v + s * np.cross(about, v) + (1 - c) * along
-    return turned
 
 
 def _signed_by_opening(axes: Array, arm: Array, moved: Array) -> Array:
