@@ -24,6 +24,7 @@ from pathlib import Path
 import numpy as np
 
 from akm_fg.estimation.fit import fit_tracks
+from akm_fg.estimation.given.surface_registration import SurfaceToRegister
 from akm_fg.perception.surface.part_cloud import sample_cloud
 from akm_fg.report.score import axis_angle_rad
 from experiments.baselines.clouds import PartCloud, choose_keyframes, part_cloud
@@ -61,7 +62,8 @@ def _timed(call: Callable[[], np.ndarray]) -> tuple[float, np.ndarray]:
 
 
 def _graph(opening: Opening, camera: PanelCamera | None) -> np.ndarray:
-    joint = fit_tracks(opening.tracks, surface=camera).alternatives[opening.kind].joint
+    sources = [] if camera is None else [SurfaceToRegister(camera)]
+    joint = fit_tracks(opening.tracks, sources=sources).alternatives[opening.kind].joint
     assert joint is not None
     return joint.axis
 
@@ -128,10 +130,11 @@ def peak_memory_mb() -> float:
     """
     code = (
         "import re; from akm_fg.estimation.fit import fit_tracks;"
+        "from akm_fg.estimation.given.surface_registration import SurfaceToRegister;"
         "from experiments.trials.openings import make_opening;"
         "from experiments.trials.panel_camera import PanelCamera;"
         "o = make_opening(0, points=200, frames=30);"
-        "fit_tracks(o.tracks, surface=PanelCamera(o, 0));"
+        "fit_tracks(o.tracks, sources=[SurfaceToRegister(PanelCamera(o, 0))]);"
         "status = open('/proc/self/status').read();"
         "print(int(re.search(r'VmHWM:\\s*(\\d+) kB', status)[1]) / 1024)"
     )

@@ -3,6 +3,7 @@
 import pytest
 
 from akm_fg.estimation.fit import fit_tracks
+from akm_fg.estimation.given.surface_registration import SurfaceToRegister
 from experiments.baselines.config import CoarseConfig
 from experiments.trials.openings import make_opening
 from experiments.trials.panel_camera import PanelCamera
@@ -19,7 +20,7 @@ def test_fit_of_200_tracks_over_30_frames_all_kinds(benchmark, kind):
 def test_fit_of_tracks_and_five_surfaces_of_ten_thousand_readings(benchmark, kind):
     opening = make_opening(0, kind, points=200, frames=30)
     camera = PanelCamera(opening, 0)
-    posterior = benchmark(fit_tracks, opening.tracks, surface=camera)
+    posterior = benchmark(fit_tracks, opening.tracks, sources=[SurfaceToRegister(camera)])
     assert posterior.kind == kind and len(posterior.fit.keyframes_registered) == 5
 
 
