@@ -18,10 +18,10 @@ from akm_fg.arm.model import N_ARM
 from akm_fg.records import JointTruth
 from sim.bullet import connect, joint_index, load_urdf, p, quaternion_xyzw
 from sim.camera.robot_meshes import light_panda_urdf
-from sim.objects.embedded import PartSpec
 from sim.objects.imported.imported_spec import ImportOptions
 from sim.objects.mechanisms import resistance
 from sim.objects.meshes import Box, write_textured_boxes
+from sim.objects.part_spec import PartSpec
 from sim.objects.staging import find_spec, stage
 from sim.objects.textures import Rgb, floor, plaster
 from sim.objects.urdf_files import PART_JOINT
@@ -121,7 +121,7 @@ class SimWorld:
 
     def step(self) -> None:
         """One physics step."""
-        if self.built.lift_n > 0.0:
+        if self.spec.balanced:
             self._balance()
         if self.spec.catch or self.spec.closer:
             self._hold_back()
@@ -131,10 +131,11 @@ class SimWorld:
     def _balance(self) -> None:
         """A balanced hinge carries the part's weight, wherever it stands."""
         state = p.getLinkState(self.object_id, self.part_joint, physicsClientId=self.client)
+        lift_n = self.config.gravity_m_s2 * self.spec.mass_kg
         p.applyExternalForce(
             self.object_id,
             self.part_joint,
-            [0.0, 0.0, self.built.lift_n],
+            [0.0, 0.0, lift_n],
             state[0],
             p.WORLD_FRAME,
             physicsClientId=self.client,

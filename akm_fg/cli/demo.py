@@ -21,7 +21,7 @@ from akm_fg.errors import GraspFailed, InputError, MissingDependency, OutputErro
 if TYPE_CHECKING:
     from akm_fg.closed_loop import EpisodeConfig
     from akm_fg.report.summary import RunSummary
-    from sim.objects.embedded import PartSpec
+    from sim.objects.part_spec import PartSpec
 
 _USUAL_TARGET_M = 0.20
 _USUAL_TARGET_RAD = float(np.deg2rad(35.0))

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 from akm_fg.errors import InputError
 
 if TYPE_CHECKING:
-    from sim.objects.embedded import PartSpec
+    from sim.objects.part_spec import PartSpec
 
 WHAT = (
     "door, drawer, SUITE/NAME such as furniture-dev/door-003, a URDF file, "

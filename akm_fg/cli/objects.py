@@ -91,7 +91,7 @@ def _as_dict(listing: Listing, arguments: ObjectsArguments) -> dict[str, Any]:
 
 
 def _object(spec: Spec) -> dict[str, Any]:
-    from sim.objects.embedded import standard_range
+    from sim.objects.part_spec import standard_range
 
     handle = spec.handle
     return {

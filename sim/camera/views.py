@@ -48,7 +48,7 @@ def camera_pose(world: SimWorld, view: ViewConfig) -> gtsam.Pose3:
     az = view.azimuth_rad
     el = view.low_elevation_rad if built.view_low else view.elevation_rad
     robot_x = float(T_world_object.transformTo(np.zeros(3))[0])
-    side = built.view_side or (-1.0 if robot_x > 0.0 else 1.0)
+    side = built.spec.view_side or (-1.0 if robot_x > 0.0 else 1.0)
     across = side * np.sin(az) * np.cos(el)
     away = np.array([across, -np.cos(az) * np.cos(el), np.sin(el)])
     target = built.p_object_front + np.array([0.0, -view.ahead_m, -view.below_m])

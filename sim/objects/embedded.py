@@ -1,8 +1,7 @@
 """The two embedded objects, `door` and `drawer`: one cabinet each, varied by a seed.
 
 Geometry comes from scene_synthesizer; masses, inertia, damping, friction and looks are ours,
-because its masses are grams and it has no textures. Object frame: x along the front, y into the
-cabinet, z up, origin on the floor under the middle. The gripper frame is that of `Arm`.
+because its masses are grams and it has no textures. The gripper frame is that of `Arm`.
 """
 
 from __future__ import annotations
@@ -11,7 +10,7 @@ import tempfile
 import xml.etree.ElementTree as ET
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal, Protocol
+from typing import Literal
 
 import cv2
 import gtsam
@@ -22,6 +21,7 @@ from akm_fg.records import FloatArray
 from sim.bullet import quiet
 from sim.objects.mechanisms import Catch, Closer
 from sim.objects.meshes import Box
+from sim.objects.part_spec import BuiltObject, hinge_side
 from sim.objects.textures import FRONT_TEXTURES, Rgb, brushed_metal, rotated
 from sim.objects.urdf_files import write_urdf
 
@@ -51,78 +51,15 @@ class ObjectSpec:
     catch: Catch | None = None  # holds it closed
     closer: Closer | None = None  # pulls it shut
 
-
-class PartSpec(Protocol):
-    """What the world needs to know of any object with one moving part."""
+    @property
+    def balanced(self) -> bool:
+        """Neither of them lifts its part."""
+        return False
 
     @property
-    def name(self) -> str:
-        """What the object is called."""
-
-    @property
-    def seed(self) -> int:
-        """Of what varies from one meeting to the next."""
-
-    @property
-    def kind(self) -> Literal["prismatic", "revolute"]:
-        """Of the joint."""
-
-    @property
-    def size_m(self) -> FloatArray:
-        """(3,) width, depth, height."""
-
-    @property
-    def mass_kg(self) -> float:
-        """Of the moving part."""
-
-    @property
-    def damping(self) -> float:
-        """N s/m or N m s/rad."""
-
-    @property
-    def friction(self) -> float:
-        """Coulomb, N or N m."""
-
-    @property
-    def upper(self) -> float:
-        """End of the range, m or rad; it begins at 0, closed."""
-
-    @property
-    def handle_mu(self) -> float:
-        """Sliding friction of the handle against rubber with mu 1."""
-
-    @property
-    def catch(self) -> Catch | None:
-        """Holds the part closed."""
-
-    @property
-    def closer(self) -> Closer | None:
-        """Pulls the part shut."""
-
-
-@dataclass(frozen=True, slots=True)
-class BuiltObject:
-    """An object's files and geometry, in its own frame."""
-
-    spec: PartSpec
-    urdf: Path
-    axis_object: FloatArray  # (3,) unit; the part opens along it (right-hand rule)
-    pivot_object: FloatArray  # (3,) a point of the joint axis
-    T_object_handle: gtsam.Pose3  # closed; z the way the fingers approach, x along the bar
-    p_object_front: FloatArray  # (3,) middle of the closed front
-    handle_thickness_m: float  # between the fingers
-    view_side: float  # +1 or -1: from where, along x, the opened front is seen best; 0: from both
-    view_low: bool = False  # the front turns down: a camera sees it only from low
-    lift_n: float = 0.0  # upward force of a balanced hinge on the part's centre of mass
-
-
-# The ranges over which every object is opened, whatever more it has: the paper's protocol.
-STANDARD_OPENING = {"prismatic": 0.40, "revolute": float(np.deg2rad(40.0))}  # m, rad
-
-
-def standard_range(spec: PartSpec) -> float:
-    """End of the standardised range, m or rad: 0.40 m or 40 deg, or the joint's own end."""
-    return min(STANDARD_OPENING[spec.kind], spec.upper)
+    def view_side(self) -> float:
+        """Of a door, where its hinge is; of a drawer, either side, by the seed."""
+        return hinge_side(self.hinge) or (1.0 if self.seed % 2 == 1 else -1.0)
 
 
 def sample_object(name: str, seed: int) -> ObjectSpec:
@@ -174,7 +111,6 @@ def build_object(spec: ObjectSpec, folder: Path) -> BuiltObject:
         R_object_handle = R_object_handle * gtsam.Rot3.Rz(-np.pi / 2)
     p_bar = joint.origin + bar.T_link_box.translation()
     _, depth, height = spec.size_m.tolist()
-    right = spec.hinge == "right" if spec.hinge else spec.seed % 2 == 1
     return BuiltObject(
         spec=spec,
         urdf=urdf,
@@ -183,7 +119,6 @@ def build_object(spec: ObjectSpec, folder: Path) -> BuiltObject:
         T_object_handle=gtsam.Pose3(R_object_handle, p_bar),
         p_object_front=np.array([0.0, -depth / 2.0, height - spec.front_height_m / 2.0]),
         handle_thickness_m=spec.handle_bar_m,
-        view_side=1.0 if right else -1.0,
     )
 
 

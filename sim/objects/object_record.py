@@ -15,7 +15,7 @@ import gtsam
 import numpy as np
 
 from sim.bullet import pose_from_matrix
-from sim.objects.embedded import BuiltObject, PartSpec
+from sim.objects.part_spec import BuiltObject, PartSpec
 from sim.objects.placement import Placement
 
 RECORD = "object.json"

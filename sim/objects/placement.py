@@ -14,7 +14,7 @@ from akm_fg.arm.kinematics import FrankaKinematics, limit_margin_rad
 from akm_fg.arm.reaching import choose_grasp_configuration
 from akm_fg.errors import MotionInfeasible
 from akm_fg.records import FloatArray
-from sim.objects.embedded import BuiltObject
+from sim.objects.part_spec import BuiltObject
 
 
 @dataclass(frozen=True, slots=True)

@@ -10,9 +10,7 @@ from akm_fg.errors import InputError
 from sim.cache import code_digest, digest, kept
 from sim.objects.embedded import (
     OBJECT_NAMES,
-    BuiltObject,
     ObjectSpec,
-    PartSpec,
     build_object,
     sample_object,
 )
@@ -21,6 +19,7 @@ from sim.objects.imported.imported_build import build_imported
 from sim.objects.imported.imported_spec import ImportedSpec, ImportOptions, import_spec
 from sim.objects.imported.partnet import JOINT_MARK, PREFIX, URDF, load_folder, with_joint
 from sim.objects.object_record import read_record, spec_text, write_record
+from sim.objects.part_spec import BuiltObject, PartSpec
 from sim.objects.placement import Placement, place
 from sim.objects.suites.catalogue import SUITES, load_spec
 from sim.objects.suites.furniture_build import build_furniture

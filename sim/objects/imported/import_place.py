@@ -9,8 +9,8 @@ import numpy as np
 
 from akm_fg.arm.kinematics import FrankaKinematics
 from akm_fg.errors import MotionInfeasible
-from sim.objects.embedded import BuiltObject
 from sim.objects.imported.imported_spec import ImportedSpec
+from sim.objects.part_spec import BuiltObject
 from sim.objects.placement import Placement
 from sim.objects.suites.furniture_place import FurniturePlaceConfig, place_furniture
 

@@ -12,15 +12,14 @@ import trimesh
 
 from akm_fg.records import FloatArray
 from sim.cache import digest
-from sim.objects.embedded import BuiltObject
 from sim.objects.imported.assembly import assemble
 from sim.objects.imported.convex import convex_pieces
 from sim.objects.imported.imported_spec import ImportedSpec
 from sim.objects.imported.surfaces import IntArray, Surface
 from sim.objects.imported.urdf_reader import read_urdf
+from sim.objects.part_spec import BuiltObject
 from sim.objects.urdf_files import CORPUS_KG, inertial_element, joint_element, write_object
 
-GRAVITY_M_S2 = 9.81
 INERTIA_MIN = 1e-5  # kg m^2, of the smallest parts: keeps the solver sound
 
 
@@ -36,7 +35,6 @@ def build_imported(spec: ImportedSpec, folder: Path) -> BuiltObject:
     urdf = write_object(spec.name, still, moving, part_joint, folder)
     points = np.concatenate([surface.points for surface in found.part])
     middle = (points.min(axis=0) + points.max(axis=0)) / 2.0
-    sides = {"left": -1.0, "right": 1.0}
     return BuiltObject(
         spec=spec,
         urdf=urdf,
@@ -45,9 +43,6 @@ def build_imported(spec: ImportedSpec, folder: Path) -> BuiltObject:
         T_object_handle=spec.handle.pose(),
         p_object_front=np.array([middle[0], points[:, 1].min(), middle[2]]),
         handle_thickness_m=spec.handle.thickness_m,
-        view_side=sides.get(spec.hinge or "", 0.0),
-        view_low=spec.hinge == "bottom",
-        lift_n=GRAVITY_M_S2 * spec.mass_kg if spec.balanced else 0.0,
     )
 
 

@@ -22,6 +22,7 @@ from sim.objects.imported.surfaces import Surface
 from sim.objects.imported.urdf_model import Joint, UrdfModel
 from sim.objects.imported.urdf_reader import read_urdf
 from sim.objects.mechanisms import Catch, Closer
+from sim.objects.part_spec import Hinge, hinge_side
 
 BOARD_KG_M3 = 600.0  # chipboard
 BOARD_M = 0.018  # the part counts as a shell of board, or as solid where that is less
@@ -56,7 +57,7 @@ class ImportedSpec:
     split: str
     family: str  # the file's category
     kind: Literal["prismatic", "revolute"]
-    hinge: Literal["left", "right", "top", "bottom"] | None  # None where it slides
+    hinge: Hinge | None
     urdf: Path
     content: str  # digest of the file and its meshes
     joint: str
@@ -74,6 +75,11 @@ class ImportedSpec:
     balanced: bool  # the joint carries the part's weight
     catch: Catch | None = None
     closer: Closer | None = None
+
+    @property
+    def view_side(self) -> float:
+        """Where the hinge stands."""
+        return hinge_side(self.hinge)
 
 
 def content_digest(model: UrdfModel) -> str:
@@ -186,7 +192,7 @@ def _found(
     }
 
 
-def _hinge(found: Assembly) -> Literal["left", "right", "top", "bottom"]:
+def _hinge(found: Assembly) -> Hinge:
     points = np.concatenate([surface.points for surface in found.part])
     middle = (points.min(axis=0) + points.max(axis=0)) / 2.0
     if abs(found.axis[2]) > 0.7:

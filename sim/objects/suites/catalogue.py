@@ -13,13 +13,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from akm_fg.errors import InputError
+from sim.objects.part_spec import Hinge
 from sim.objects.suites.furniture_spec import (
     HANDLELESS_FAMILIES,
     HANDLELESS_SHARE,
     PLAIN_SHARE,
     Family,
     FurnitureSpec,
-    Hinge,
     SizeRanges,
     Slot,
     sample_furniture,

@@ -7,14 +7,12 @@ from pathlib import Path
 import gtsam
 
 from akm_fg.records import FloatArray
-from sim.objects.embedded import BuiltObject
+from sim.objects.part_spec import BuiltObject
 from sim.objects.suites.finishes import write_textures
 from sim.objects.suites.furniture_body import make_body
 from sim.objects.suites.furniture_spec import FurnitureSpec
 from sim.objects.suites.handles import edge_strip, handle_boxes, handle_pose
 from sim.objects.urdf_files import write_urdf
-
-GRAVITY_M_S2 = 9.81
 
 
 def build_furniture(spec: FurnitureSpec, folder: Path) -> BuiltObject:
@@ -29,9 +27,6 @@ def build_furniture(spec: FurnitureSpec, folder: Path) -> BuiltObject:
     urdf = write_urdf(spec, body.corpus, part, body.origin, body.axis, folder)
     middle = (lower + upper) / 2.0
     middle[1] = lower[1]
-    # A hinge that lies is balanced by springs or struts, as real ovens and flaps are.
-    lying = spec.hinge in ("top", "bottom")
-    side = {"left": -1.0, "right": 1.0}
     return BuiltObject(
         spec=spec,
         urdf=urdf,
@@ -40,9 +35,6 @@ def build_furniture(spec: FurnitureSpec, folder: Path) -> BuiltObject:
         T_object_handle=_moved(T_part_handle, body.origin),
         p_object_front=body.origin + middle,
         handle_thickness_m=spec.handle.thickness_m,
-        view_side=side.get(spec.hinge or "", 0.0),
-        view_low=spec.hinge == "bottom",
-        lift_n=GRAVITY_M_S2 * spec.mass_kg if lying else 0.0,
     )
 
 

@@ -13,9 +13,9 @@ import numpy as np
 
 from akm_fg.records import FloatArray
 from sim.objects.mechanisms import Catch, Closer
+from sim.objects.part_spec import Hinge, hinge_side
 from sim.objects.suites.furniture_physics import sample_catch, sample_closer, sample_physics
 
-Hinge = Literal["left", "right", "top", "bottom"]
 Family = Literal[
     "chest",
     "desk",
@@ -83,6 +83,16 @@ class FurnitureSpec:
     handle_mu: float  # sliding friction of the handle against rubber with mu 1
     catch: Catch | None  # holds it closed
     closer: Closer | None  # pulls it shut
+
+    @property
+    def balanced(self) -> bool:
+        """Hinges that lie are: by springs or struts, as those of real ovens and flaps."""
+        return self.hinge in ("top", "bottom")
+
+    @property
+    def view_side(self) -> float:
+        """Where the hinge stands."""
+        return hinge_side(self.hinge)
 
     @property
     def front_m(self) -> tuple[float, float]:

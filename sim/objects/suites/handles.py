@@ -1,7 +1,7 @@
 """Handles: bars, round bars, arches, knobs, lips and edges, as boxes and rods on a front.
 
 In the handle's own frame x runs along the bar, z into the front, and the origin is the middle of
-what the fingers close on, as in `sim.objects.embedded.BuiltObject`.
+what the fingers close on, as in `sim.objects.part_spec.BuiltObject`.
 """
 
 from __future__ import annotations

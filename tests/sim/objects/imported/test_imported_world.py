@@ -12,9 +12,9 @@ import pytest
 
 from sim.bullet import load_urdf, p, quiet
 from sim.episode import open_world
-from sim.objects.embedded import standard_range
 from sim.objects.imported.imported_build import build_imported
 from sim.objects.imported.imported_spec import MASS_KG
+from sim.objects.part_spec import standard_range
 from sim.objects.staging import find_spec
 from sim.objects.suites.catalogue import load_spec
 from sim.objects.suites.furniture_build import build_furniture

@@ -1,0 +1,111 @@
+"""What the world knows of any object with one moving part: as asked for, and as built.
+
+Object frame: x along the front (to the right as seen from before it), y into the object, z up,
+origin on the floor under the middle.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal, Protocol
+
+import gtsam
+import numpy as np
+
+from akm_fg.records import FloatArray
+from sim.objects.mechanisms import Catch, Closer
+
+Hinge = Literal["left", "right", "top", "bottom"]  # where it is, as seen from before the front
+
+
+class PartSpec(Protocol):
+    """What the world needs to know of any object with one moving part."""
+
+    @property
+    def name(self) -> str:
+        """What the object is called."""
+
+    @property
+    def seed(self) -> int:
+        """Of what varies from one meeting to the next."""
+
+    @property
+    def kind(self) -> Literal["prismatic", "revolute"]:
+        """Of the joint."""
+
+    @property
+    def hinge(self) -> Hinge | None:
+        """Where the part turns; None where it slides."""
+
+    @property
+    def size_m(self) -> FloatArray:
+        """(3,) width, depth, height."""
+
+    @property
+    def mass_kg(self) -> float:
+        """Of the moving part."""
+
+    @property
+    def damping(self) -> float:
+        """N s/m or N m s/rad."""
+
+    @property
+    def friction(self) -> float:
+        """Coulomb, N or N m."""
+
+    @property
+    def upper(self) -> float:
+        """End of the range, m or rad; it begins at 0, closed."""
+
+    @property
+    def handle_mu(self) -> float:
+        """Sliding friction of the handle against rubber with mu 1."""
+
+    @property
+    def balanced(self) -> bool:
+        """Springs or struts carry the part's weight."""
+
+    @property
+    def view_side(self) -> float:
+        """+1 or -1: from where, along x, the opened front is seen best; 0: from both."""
+
+    @property
+    def catch(self) -> Catch | None:
+        """Holds the part closed."""
+
+    @property
+    def closer(self) -> Closer | None:
+        """Pulls the part shut."""
+
+
+@dataclass(frozen=True, slots=True)
+class BuiltObject:
+    """An object's files and geometry, in its own frame."""
+
+    spec: PartSpec
+    urdf: Path
+    axis_object: FloatArray  # (3,) unit; the part opens along it (right-hand rule)
+    pivot_object: FloatArray  # (3,) a point of the joint axis
+    T_object_handle: gtsam.Pose3  # closed; z the way the fingers approach, x along the bar
+    p_object_front: FloatArray  # (3,) middle of the closed front
+    handle_thickness_m: float  # between the fingers
+
+    @property
+    def view_low(self) -> bool:
+        """Whether the front turns down: a camera sees it only from low."""
+        return self.spec.hinge == "bottom"
+
+
+def hinge_side(hinge: Hinge | None) -> float:
+    """+1 or -1: the side, along x, where the hinge stands; 0 where it lies, or there is none."""
+    return {"left": -1.0, "right": 1.0}.get(hinge or "", 0.0)
+
+
+# The ranges over which every object is opened, whatever more it has: the paper's protocol.
+STANDARD_OPENING = {"prismatic": 0.40, "revolute": float(np.deg2rad(40.0))}  # m, rad
+
+
+def standard_range(spec: PartSpec) -> float:
+    """End of the standardised range, m or rad: 0.40 m or 40 deg, or the joint's own end."""
+    return min(STANDARD_OPENING[spec.kind], spec.upper)
