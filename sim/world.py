@@ -24,7 +24,7 @@ from sim.objects.meshes import Box, write_textured_boxes
 from sim.objects.part_spec import PartSpec
 from sim.objects.staging import find_spec, stage
 from sim.objects.textures import Rgb, floor, plaster
-from sim.objects.urdf_files import PART_JOINT
+from sim.objects.urdf.urdf_files import PART_JOINT
 from sim.robot.contacts import finger_links
 
 

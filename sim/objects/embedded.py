@@ -6,8 +6,6 @@ because its masses are grams and it has no textures. The gripper frame is that o
 
 from __future__ import annotations
 
-import tempfile
-import xml.etree.ElementTree as ET
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
@@ -18,12 +16,13 @@ import numpy as np
 from scene_synthesizer.procedural_assets import CabinetAsset
 
 from akm_fg.records import FloatArray
-from sim.bullet import quiet
+from sim.objects.library_boxes import box_of, build_asset, shifted
 from sim.objects.mechanisms import Catch, Closer
 from sim.objects.meshes import Box
 from sim.objects.part_spec import BuiltObject, hinge_side
 from sim.objects.textures import FRONT_TEXTURES, Rgb, brushed_metal, rotated
-from sim.objects.urdf_files import write_urdf
+from sim.objects.urdf.urdf_files import write_urdf
+from sim.objects.urdf.urdf_model import Link
 
 OBJECT_NAMES = ("door", "drawer")
 
@@ -100,83 +99,62 @@ def sample_object(name: str, seed: int) -> ObjectSpec:
 
 def build_object(spec: ObjectSpec, folder: Path) -> BuiltObject:
     """Writes the object's URDF, meshes and textures into `folder`."""
-    links, joint = _synthesize(spec)
-    rng = np.random.default_rng([spec.seed, 77])
-    _write_textures(spec, folder, rng)
-    moved = _place_handle(links["part"], spec)
-    urdf = write_urdf(spec, links["corpus"], moved, joint.origin, joint.axis, folder)
+    asset = build_asset(lambda _: _make_asset(spec))
+    (joint,) = asset.movable()
+    origin = joint.T_parent_joint.translation()  # the parent stands in the object frame's origin
+    corpus = [b for link in asset.links.values() if link.name != joint.child for b in _boxes(link)]
+    moved = _place_handle(_boxes(asset.links[joint.child]), spec)
+    _write_textures(spec, folder, np.random.default_rng([spec.seed, 77]))
+    urdf = write_urdf(spec, corpus, moved, origin, joint.axis, folder)
     bar = next(box for box in moved if box.name.endswith("handle_part_0"))
     R_object_handle = gtsam.Rot3(np.array([[1.0, 0, 0], [0, 0, 1.0], [0, -1.0, 0]]))
     if spec.kind == "revolute":  # the bar stands upright: x along it
         R_object_handle = R_object_handle * gtsam.Rot3.Rz(-np.pi / 2)
-    p_bar = joint.origin + bar.T_link_box.translation()
+    p_bar = origin + bar.T_link_box.translation()
     _, depth, height = spec.size_m.tolist()
     return BuiltObject(
         spec=spec,
         urdf=urdf,
         axis_object=joint.axis,
-        pivot_object=joint.origin,
+        pivot_object=origin,
         T_object_handle=gtsam.Pose3(R_object_handle, p_bar),
         p_object_front=np.array([0.0, -depth / 2.0, height - spec.front_height_m / 2.0]),
         handle_thickness_m=spec.handle_bar_m,
     )
 
 
-@dataclass(frozen=True, slots=True)
-class _Joint:
-    origin: FloatArray  # (3,) object frame
-    axis: FloatArray  # (3,)
-
-
-def _synthesize(spec: ObjectSpec) -> tuple[dict[str, list[Box]], _Joint]:
-    """Boxes of the corpus and of the part, each in its link's frame, and the joint."""
+def _make_asset(spec: ObjectSpec) -> CabinetAsset:
+    """The library's cabinet: the moving front on top, a closed panel below."""
     width, depth, height = spec.size_m.tolist()
     # The library's door_left has its hinge on the right as seen from the front.
     kind = "drawer"
     if spec.kind == "revolute":
         kind = "door_right" if spec.hinge == "left" else "door_left"
-    with tempfile.TemporaryDirectory() as scratch, quiet():
-        asset = CabinetAsset(
-            width=width,
-            depth=depth,
-            height=height,
-            compartment_mask=[[0], [1]],
-            compartment_types=[kind, "closed"],
-            compartment_heights=[spec.front_height_m, height - spec.front_height_m],
-            outer_wall_thickness=0.016,
-            drawer_wall_thickness=0.012,
-            handle_width=spec.handle_length_m,
-            handle_height=spec.handle_reach_m,
-            handle_depth=spec.handle_bar_m,
-        )
-        path = Path(scratch) / "raw.urdf"
-        asset.scene().export(str(path))
-        root = ET.parse(path).getroot()
-    moving = next(j for j in root.iter("joint") if j.get("type") != "fixed")
-    child = moving.find("child").get("link")  # type: ignore[union-attr]
-    origin = _numbers(moving.find("origin"), "xyz")
-    links: dict[str, list[Box]] = {"corpus": [], "part": []}
-    for link in root.iter("link"):
-        for collision in link.iter("collision"):
-            links["part" if link.get("name") == child else "corpus"].append(_box(collision))
-    return links, _Joint(origin, _numbers(moving.find("axis"), "xyz"))
+    return CabinetAsset(
+        width=width,
+        depth=depth,
+        height=height,
+        compartment_mask=[[0], [1]],
+        compartment_types=[kind, "closed"],
+        compartment_heights=[spec.front_height_m, height - spec.front_height_m],
+        outer_wall_thickness=0.016,
+        drawer_wall_thickness=0.012,
+        handle_width=spec.handle_length_m,
+        handle_height=spec.handle_reach_m,
+        handle_depth=spec.handle_bar_m,
+    )
 
 
-def _numbers(element: ET.Element | None, key: str) -> FloatArray:
-    assert element is not None
-    return np.array([float(x) for x in str(element.get(key)).split()])
+def _boxes(link: Link) -> list[Box]:
+    """The link's boxes, each of the material that its name in the library tells."""
+    found = [box_of(shape, _material(shape.name)) for shape in link.collisions]
+    return [box for box in found if box is not None]
 
 
-def _box(collision: ET.Element) -> Box:
-    name = str(collision.get("name"))
-    rpy = _numbers(collision.find("origin"), "rpy")
-    material = "carcass"
+def _material(name: str) -> str:
     if "handle" in name:
-        material = "handle"
-    elif name.endswith(("board_0", "_door")) or "closed" in name:
-        material = "front"
-    T_link_box = gtsam.Pose3(gtsam.Rot3.RzRyRx(*rpy), _numbers(collision.find("origin"), "xyz"))
-    return Box(name, _numbers(collision.find("geometry/box"), "size"), T_link_box, material)
+        return "handle"
+    return "front" if name.endswith(("board_0", "_door")) or "closed" in name else "carcass"
 
 
 def _place_handle(boxes: list[Box], spec: ObjectSpec) -> list[Box]:
@@ -184,13 +162,7 @@ def _place_handle(boxes: list[Box], spec: ObjectSpec) -> list[Box]:
     shift = np.array([spec.handle_shift_m[0], 0.0, spec.handle_shift_m[1]])
     if spec.kind == "revolute":  # keep the bar on the door: shift only towards the hinge
         shift[0] = abs(shift[0]) * (1.0 if spec.hinge == "right" else -1.0)
-    moved = []
-    for box in boxes:
-        T = box.T_link_box
-        if box.material == "handle":
-            T = gtsam.Pose3(T.rotation(), T.translation() + shift)
-        moved.append(Box(box.name, box.size_m, T, box.material))
-    return moved
+    return [shifted(box, shift) if box.material == "handle" else box for box in boxes]
 
 
 def _write_textures(spec: ObjectSpec, folder: Path, rng: np.random.Generator) -> None:

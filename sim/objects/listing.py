@@ -15,9 +15,9 @@ from sim.objects.imported.partnet import (
     Skipped,
     load_folder,
 )
-from sim.objects.imported.urdf_reader import read_urdf
 from sim.objects.suites.catalogue import SUITES, find_suite
 from sim.objects.suites.furniture_spec import FurnitureSpec
+from sim.objects.urdf.urdf_reader import read_urdf
 
 PARTNET = PREFIX.rstrip(":")
 

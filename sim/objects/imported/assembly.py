@@ -17,7 +17,7 @@ from akm_fg.errors import InputError
 from akm_fg.records import FloatArray
 from sim.objects.imported.closed_state import Opening, closed_states, opening
 from sim.objects.imported.surfaces import Surface, surfaces_of
-from sim.objects.imported.urdf_model import Joint, Link, Shape, UrdfModel
+from sim.objects.urdf.urdf_model import Joint, Link, Shape, UrdfModel
 
 SETS_OUT = 0.5  # cosine from which the way a part sets out names its front
 THIN = 0.6  # of a panel's extent along its way

@@ -15,7 +15,7 @@ import gtsam
 import numpy as np
 
 from akm_fg.records import FloatArray
-from sim.objects.imported.urdf_model import Joint, UrdfModel
+from sim.objects.urdf.urdf_model import Joint, UrdfModel
 
 SAME_BOX = 0.01
 TURN_RAD = 2.0 * np.pi

@@ -16,9 +16,9 @@ from sim.objects.imported.assembly import assemble
 from sim.objects.imported.convex import convex_pieces
 from sim.objects.imported.imported_spec import ImportedSpec
 from sim.objects.imported.surfaces import IntArray, Surface
-from sim.objects.imported.urdf_reader import read_urdf
 from sim.objects.part_spec import BuiltObject
-from sim.objects.urdf_files import CORPUS_KG, inertial_element, joint_element, write_object
+from sim.objects.urdf.urdf_files import CORPUS_KG, inertial_element, joint_element, write_object
+from sim.objects.urdf.urdf_reader import read_urdf
 
 INERTIA_MIN = 1e-5  # kg m^2, of the smallest parts: keeps the solver sound
 

@@ -19,10 +19,10 @@ from sim.cache import code_digest, digest, kept
 from sim.objects.imported.assembly import FRONTS, Assembly, assemble
 from sim.objects.imported.contact import Contact, find_contact
 from sim.objects.imported.surfaces import Surface
-from sim.objects.imported.urdf_model import Joint, UrdfModel
-from sim.objects.imported.urdf_reader import read_urdf
 from sim.objects.mechanisms import Catch, Closer
 from sim.objects.part_spec import Hinge, hinge_side
+from sim.objects.urdf.urdf_model import Joint, UrdfModel
+from sim.objects.urdf.urdf_reader import read_urdf
 
 BOARD_KG_M3 = 600.0  # chipboard
 BOARD_M = 0.018  # the part counts as a shell of board, or as solid where that is less

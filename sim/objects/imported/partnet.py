@@ -14,7 +14,7 @@ from pathlib import Path
 
 from akm_fg.errors import InputError
 from sim.objects.imported.imported_spec import ImportedSpec, ImportOptions, import_spec
-from sim.objects.imported.urdf_reader import read_urdf
+from sim.objects.urdf.urdf_reader import read_urdf
 
 LOG = logging.getLogger(__name__)
 

@@ -14,8 +14,8 @@ from trimesh.resolvers import FilePathResolver
 
 from akm_fg.errors import InputError
 from akm_fg.records import FloatArray
-from sim.objects.imported.urdf_model import Shape
 from sim.objects.textures import Rgb
+from sim.objects.urdf.urdf_model import Shape
 
 GREY = (0.7, 0.7, 0.7)  # of what says nothing of its colour
 IntArray = NDArray[np.int64]

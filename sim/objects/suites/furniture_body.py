@@ -6,10 +6,7 @@ corpus. Object frame: x along the front, y into the furniture, z up, origin on t
 
 from __future__ import annotations
 
-import tempfile
-import xml.etree.ElementTree as ET
 from dataclasses import dataclass, replace
-from pathlib import Path
 from typing import Any
 
 import gtsam
@@ -17,9 +14,10 @@ import numpy as np
 from scene_synthesizer import procedural_assets
 
 from akm_fg.records import FloatArray
-from sim.bullet import quiet
+from sim.objects.library_boxes import box_of, build_asset, shifted
 from sim.objects.meshes import Box
 from sim.objects.suites.furniture_spec import FurnitureSpec
+from sim.objects.urdf.urdf_model import Link
 
 PART_LINK = {  # of the library's URDF, where it is not the only moving one
     "fridge": ("object_freezer_door", "object_door"),
@@ -59,25 +57,21 @@ class Body:
 
 
 def make_body(spec: FurnitureSpec) -> Body:
-    """Builds the library's asset and reads its boxes back."""
-    with tempfile.TemporaryDirectory(prefix="akm-fg-sim-") as scratch:
-        with quiet():
-            path = Path(scratch) / "raw.urdf"
-            _asset(spec, scratch).scene().export(str(path))
-        root = ET.parse(path).getroot()
-    moving = [joint for joint in root.iter("joint") if joint.get("type") != "fixed"]
+    """Builds the library's asset and takes its boxes."""
+    asset = build_asset(lambda scratch: _make_asset(spec, scratch))
     wanted = PART_LINK.get(spec.family)
-    part = wanted[spec.part_at[0]] if wanted else _child(moving[0])
-    frames = {_child(joint): _numbers(joint.find("origin"), "xyz") for joint in moving}
-    boxes: dict[str, list[Box]] = {"corpus": [], "part": []}
-    for link in root.iter("link"):
-        name = str(link.get("name"))
-        shift = np.zeros(3) if name == part else frames.get(name, np.zeros(3))
-        found = [_box(c, shift) for c in link.iter("collision")]
-        boxes["part" if name == part else "corpus"] += [box for box in found if box is not None]
-    joint = next(j for j in moving if _child(j) == part)
-    axis = _numbers(joint.find("axis"), "xyz")
-    body = Body(boxes["corpus"], boxes["part"], frames[part], axis / np.linalg.norm(axis))
+    moving = asset.movable()
+    joint = next(j for j in moving if wanted is None or j.child == wanted[spec.part_at[0]])
+    # All links hang on one that stands in the object frame's origin, and none is turned.
+    origins = {j.child: j.T_parent_joint.translation() for j in moving}
+    corpus = [
+        shifted(box, origins.get(link.name, np.zeros(3)))
+        for link in asset.links.values()
+        if link.name != joint.child
+        for box in _boxes(link)
+    ]
+    part = _boxes(asset.links[joint.child])
+    body = Body(corpus, part, origins[joint.child], joint.axis)
     return _faced(body, spec) if spec.family == "sliding" else body
 
 
@@ -104,7 +98,7 @@ def _faced(body: Body, spec: FurnitureSpec) -> Body:
     return Body(corpus, part, body.origin, np.array([-x_sign, 0.0, 0.0]))
 
 
-def _asset(spec: FurnitureSpec, scratch: str) -> Any:
+def _make_asset(spec: FurnitureSpec, scratch: str) -> Any:
     """The library's asset of the spec's family."""
     width, depth, height = spec.size_m.tolist()
     sides = {"width": width, "depth": depth, "height": height}
@@ -167,33 +161,14 @@ def _cabinet(spec: FurnitureSpec) -> Any:
     )
 
 
-def _child(joint: ET.Element) -> str:
-    child = joint.find("child")
-    assert child is not None
-    return str(child.get("link"))
-
-
-def _numbers(element: ET.Element | None, key: str) -> FloatArray:
-    assert element is not None
-    return np.array([float(x) for x in str(element.get(key)).split()])
-
-
-def _box(collision: ET.Element, shift: FloatArray) -> Box | None:
-    """A box or upright disc of the library; None for handles, racks and baskets."""
-    name = str(collision.get("name"))
-    origin = collision.find("origin")
-    rod = collision.find("geometry/cylinder")
-    if rod is not None:
-        radius, length = float(str(rod.get("radius"))), float(str(rod.get("length")))
-        size = np.array([2.0 * radius, 2.0 * radius, length])
-    elif collision.find("geometry/box") is not None:
-        size = _numbers(collision.find("geometry/box"), "size")
-    else:
-        return None
-    if "handle" in name or "basket" in name or np.sort(size)[1] < 2.0 * WIRE_M:
-        return None
-    T = gtsam.Pose3(gtsam.Rot3.RzRyRx(*_numbers(origin, "rpy")), _numbers(origin, "xyz") + shift)
-    return Box(name, size, T, _material(name), rounded=rod is not None)
+def _boxes(link: Link) -> list[Box]:
+    """The link's boxes and upright discs, without handles, racks and baskets."""
+    found = [
+        box_of(shape, _material(shape.name))
+        for shape in link.collisions
+        if "handle" not in shape.name and "basket" not in shape.name
+    ]
+    return [box for box in found if box is not None and np.sort(box.size_m)[1] >= 2.0 * WIRE_M]
 
 
 def _material(name: str) -> str:

@@ -12,7 +12,7 @@ from sim.objects.suites.finishes import write_textures
 from sim.objects.suites.furniture_body import make_body
 from sim.objects.suites.furniture_spec import FurnitureSpec
 from sim.objects.suites.handles import edge_strip, handle_boxes, handle_pose
-from sim.objects.urdf_files import write_urdf
+from sim.objects.urdf.urdf_files import write_urdf
 
 
 def build_furniture(spec: FurnitureSpec, folder: Path) -> BuiltObject:

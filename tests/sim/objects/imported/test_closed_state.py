@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from sim.objects.imported.assembly import assemble
-from sim.objects.imported.urdf_reader import read_urdf
+from sim.objects.urdf.urdf_reader import read_urdf
 
 HINGE = {"kind": "revolute", "axis": "0 1 0", "origin": (-0.45, 0.0, 0.52)}  # stands, at the left
 INWARD = "0 0 -1"  # of the mesh files, whose front is +z

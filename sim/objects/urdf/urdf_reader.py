@@ -16,7 +16,7 @@ import numpy as np
 
 from akm_fg.errors import InputError
 from akm_fg.records import FloatArray
-from sim.objects.imported.urdf_model import KINDS, MOVABLE, Joint, Link, Shape, UrdfModel
+from sim.objects.urdf.urdf_model import KINDS, MOVABLE, Joint, Link, Shape, UrdfModel
 
 
 def read_urdf(path: Path) -> UrdfModel:

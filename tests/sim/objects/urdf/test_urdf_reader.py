@@ -9,7 +9,7 @@ import pytest
 import yourdfpy
 
 from akm_fg.errors import InputError
-from sim.objects.imported.urdf_reader import read_urdf
+from sim.objects.urdf.urdf_reader import read_urdf
 
 BOX = '<visual><geometry><box size="1 1 1"/></geometry></visual>'
 LINKS = f'<link name="a">{BOX}</link><link name="b">{BOX}</link>'
