@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from akm_fg.records import FloatArray
+from sim.objects.obj_files import Patch, joined, write_obj
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,26 +36,32 @@ class PlateSpec:
         return self.square_m * np.array([self.squares_x, self.squares_y])
 
 
+RIM = ((0.001, 0.001),) * 4  # texture coordinates of a place that is white
+# For each side: its corners, counter-clockwise from outside, of the plate's eight (x runs fastest,
+# z slowest); its normal; its texture coordinates, v up. The first one is the printed face.
+SIDES = (
+    ((0, 2, 3, 1), (0.0, 0.0, -1.0), ((0.0, 1.0), (0.0, 0.0), (1.0, 0.0), (1.0, 1.0))),
+    ((4, 5, 7, 6), (0.0, 0.0, 1.0), RIM),
+    ((0, 1, 5, 4), (0.0, -1.0, 0.0), RIM),
+    ((2, 6, 7, 3), (0.0, 1.0, 0.0), RIM),
+    ((0, 4, 6, 2), (-1.0, 0.0, 0.0), RIM),
+    ((1, 3, 7, 5), (1.0, 0.0, 0.0), RIM),
+)
+TWO_TRIANGLES = np.array([[0, 1, 2], [0, 2, 3]])
+
+
 def write_plate(spec: PlateSpec, folder: Path) -> Path:
     """Writes `plate.urdf` with mesh and texture; the link's frame is the board frame."""
     cv2.imwrite(str(folder / "plate.png"), _pattern(spec))
     width, height = spec.size_m
     m = spec.margin_m
     x, y, z = np.array([-m, width + m]), np.array([-m, height + m]), [0.0, spec.thickness_m]
-    lines = ["mtllib plate.mtl", "usemtl surface"]
-    corners = [(a, b, c) for c in z for b in y for a in x]
-    lines += [f"v {a:.6f} {b:.6f} {c:.6f}" for a, b, c in corners]
-    lines += ["vt 0 1", "vt 1 1", "vt 0 0", "vt 1 0", "vt 0.001 0.001"]  # the last one is white
-    lines += ["vn 0 0 -1", "vn 0 0 1", "vn 0 -1 0", "vn 0 1 0", "vn -1 0 0", "vn 1 0 0"]
-    lines += ["f 1/1/1 4/4/1 2/2/1", "f 1/1/1 3/3/1 4/4/1"]
-    quads = ((5, 6, 8, 7), (1, 2, 6, 5), (3, 7, 8, 4), (1, 5, 7, 3), (2, 4, 8, 6))
-    for normal, (a, b, c, d) in enumerate(quads, 2):
-        for ring in ((a, b, c), (a, c, d)):
-            lines.append("f " + " ".join(f"{k}/5/{normal}" for k in ring))
-    (folder / "plate.obj").write_text("\n".join(lines) + "\n", encoding="utf-8")
-    (folder / "plate.mtl").write_text(
-        "newmtl surface\nKa 1 1 1\nKd 1 1 1\nKs 0 0 0\nmap_Kd plate.png\n", encoding="utf-8"
-    )
+    corners = np.array([(a, b, c) for c in z for b in y for a in x])
+    patches = [
+        Patch(corners[list(ring)], np.tile(normal, (4, 1)), np.array(uv), TWO_TRIANGLES)
+        for ring, normal, uv in SIDES
+    ]
+    write_obj(folder / "plate.obj", joined(patches), "plate.png")
     centre = f"{width / 2:.6f} {height / 2:.6f} {spec.thickness_m / 2:.6f}"
     size = f"{x[1] - x[0]:.6f} {y[1] - y[0]:.6f} {spec.thickness_m:.6f}"
     urdf = folder / "plate.urdf"

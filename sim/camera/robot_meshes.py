@@ -13,13 +13,11 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from akm_fg.arm.description import ArmDescription
 from akm_fg.records import FloatArray
 from sim.cache import digest, kept
-
-IntArray = NDArray[np.int64]
+from sim.objects.obj_files import IntArray
 
 CELL_M = 0.006  # three or four pixels at one metre; averaged normals keep it round
 PALETTE = 16  # fields along a side of the palette texture: vertices in different ones stay apart

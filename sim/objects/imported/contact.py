@@ -83,8 +83,7 @@ def find_contact(
 
 
 def _mesh(surfaces: Sequence[Surface]) -> trimesh.Trimesh:
-    meshes = [trimesh.Trimesh(s.points, s.faces, process=False) for s in surfaces]
-    mesh: trimesh.Trimesh = trimesh.util.concatenate(meshes)  # type: ignore[assignment]
+    mesh: trimesh.Trimesh = trimesh.util.concatenate([surface.mesh() for surface in surfaces])  # type: ignore[assignment]
     return mesh
 
 

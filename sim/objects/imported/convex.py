@@ -11,15 +11,13 @@ from pathlib import Path
 
 import numpy as np
 import trimesh
-from numpy.typing import NDArray
 from scipy.spatial import ConvexHull, QhullError
 
 from akm_fg.errors import MissingDependency
 from akm_fg.records import FloatArray
 from sim.bullet import quiet
 from sim.cache import digest, kept
-
-IntArray = NDArray[np.int64]
+from sim.objects.obj_files import IntArray
 
 THRESHOLD = 0.05  # CoACD's concavity, its default: 5 % of the piece's size
 PIECE_VERTICES = 64  # at most, of one convex piece

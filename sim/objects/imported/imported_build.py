@@ -15,7 +15,9 @@ from sim.cache import digest
 from sim.objects.imported.assembly import assemble
 from sim.objects.imported.convex import convex_pieces
 from sim.objects.imported.imported_spec import ImportedSpec
-from sim.objects.imported.surfaces import IntArray, Surface
+from sim.objects.imported.surfaces import Surface
+from sim.objects.meshes import inertia_of_solids
+from sim.objects.obj_files import IntArray, Patch, joined, write_obj, write_solid
 from sim.objects.part_spec import BuiltObject
 from sim.objects.urdf.urdf_files import CORPUS_KG, inertial_element, joint_element, write_object
 from sim.objects.urdf.urdf_reader import read_urdf
@@ -66,7 +68,7 @@ def _link(
         ET.SubElement(geometry, "mesh", filename=mesh.name)
     for i, hull in enumerate(hulls):
         mesh = folder / f"{name}_hull_{i:03d}.obj"
-        _write_hull(mesh, hull)
+        write_solid(mesh, hull)
         geometry = ET.SubElement(ET.SubElement(link, "collision"), "geometry")
         ET.SubElement(geometry, "mesh", filename=mesh.name)
     return link
@@ -78,16 +80,8 @@ def inertia_of_hulls(
     """Centre of mass (3,) and inertia (3, 3) about it of solids that share `mass_kg` by volume."""
     if not hulls:
         return np.zeros(3), mass_kg * 1e-2 * np.eye(3)
-    volumes = np.array([max(hull.volume, 1e-12) for hull in hulls])
-    density = mass_kg / volumes.sum()
-    centres = np.array([hull.center_mass for hull in hulls])
-    com = volumes @ centres / volumes.sum()
-    inertia = INERTIA_MIN * np.eye(3)
-    for hull, volume, centre in zip(hulls, volumes, centres, strict=True):
-        r = centre - com
-        inertia += density * hull.moment_inertia
-        inertia += density * volume * (r @ r * np.eye(3) - np.outer(r, r))
-    return com, inertia
+    com, inertia = inertia_of_solids(hulls, mass_kg)
+    return com, inertia + INERTIA_MIN * np.eye(3)
 
 
 def _by_looks(surfaces: Sequence[Surface]) -> list[list[Surface]]:
@@ -100,35 +94,21 @@ def _by_looks(surfaces: Sequence[Surface]) -> list[list[Surface]]:
 
 
 def _write_visual(path: Path, surfaces: Sequence[Surface], shift: FloatArray) -> None:
-    """One OBJ of one material; PyBullet shows only the first of several."""
-    lines, first = [f"mtllib {path.stem}.mtl", "usemtl surface"], 1
-    for surface in surfaces:
-        added, count = _surface_lines(surface, shift, first)
-        lines, first = lines + added, first + count
-    path.write_text("\n".join(lines) + "\n", encoding="utf-8")
-    colour, picture = surfaces[0].rgb, ""
-    if surfaces[0].image is not None:
-        cv2.imwrite(str(path.with_suffix(".png")), surfaces[0].image[..., ::-1])
-        colour, picture = (1.0, 1.0, 1.0), f"map_Kd {path.stem}.png\n"
-    kd = " ".join(f"{c:.4f}" for c in colour)
-    text = f"newmtl surface\nKa {kd}\nKd {kd}\nKs 0 0 0\n{picture}"
-    path.with_suffix(".mtl").write_text(text, encoding="utf-8")
+    """One OBJ of surfaces that look the same; their picture goes beside it."""
+    colour, image = surfaces[0].rgb, surfaces[0].image
+    texture = None
+    if image is not None:
+        texture, colour = f"{path.stem}.png", (1.0, 1.0, 1.0)
+        cv2.imwrite(str(path.with_name(texture)), image[..., ::-1])
+    write_obj(path, joined([_patch(surface, shift) for surface in surfaces]), texture, colour)
 
 
-def _surface_lines(surface: Surface, shift: FloatArray, first: int) -> tuple[list[str], int]:
-    """OBJ lines, vertices numbered from `first`, and how many vertices there are."""
+def _patch(surface: Surface, shift: FloatArray) -> Patch:
+    """The surface moved by `shift` (3,), with normals, and texture coordinates of some kind."""
     vertex, normals, faces = _corners(surface)
-    points = surface.points[vertex] + shift
-    uv = np.zeros((len(points), 2)) if surface.uv is None else surface.uv[vertex]
+    uv = np.zeros((len(vertex), 2)) if surface.uv is None else surface.uv[vertex]
     uv = uv - np.floor(uv.min(axis=0))  # TinyRenderer wraps positive coordinates alone
-    lines = []
-    for p, t, n in zip(points, uv, normals, strict=True):
-        lines.append(f"v {p[0]:.6f} {p[1]:.6f} {p[2]:.6f}")
-        lines.append(f"vt {t[0]:.6f} {t[1]:.6f}")
-        lines.append(f"vn {n[0]:.4f} {n[1]:.4f} {n[2]:.4f}")
-    for face in faces + first:
-        lines.append("f " + " ".join(f"{k}/{k}/{k}" for k in face))
-    return lines, len(points)
+    return Patch(surface.points[vertex] + shift, normals, uv, faces)
 
 
 def _corners(surface: Surface) -> tuple[IntArray, FloatArray, IntArray]:
@@ -147,9 +127,3 @@ def _corners(surface: Surface) -> tuple[IntArray, FloatArray, IntArray]:
     sums = np.stack([np.bincount(group, np.repeat(x, 3)) for x in normals.T], axis=-1)
     unit = sums / np.maximum(np.linalg.norm(sums, axis=1, keepdims=True), 1e-15)
     return corners[:, 0].astype(np.int64), np.asarray(unit), group.reshape(-1, 3).astype(np.int64)
-
-
-def _write_hull(path: Path, hull: trimesh.Trimesh) -> None:
-    lines = [f"v {x:.6f} {y:.6f} {z:.6f}" for x, y, z in hull.vertices]
-    lines += ["f " + " ".join(str(k + 1) for k in face) for face in hull.faces]
-    path.write_text("\n".join(lines) + "\n", encoding="utf-8")

@@ -207,11 +207,6 @@ def _mass(model: UrdfModel, joint: Joint, part: list[Surface], scale: float) -> 
     if MASS_SAID_KG[0] <= total <= MASS_SAID_KG[1]:
         return float(total)
     points = np.concatenate([surface.points for surface in part])
-    area = sum(_area(surface) for surface in part)
+    area = sum(float(surface.mesh().area) for surface in part)
     volume = min(0.5 * area * BOARD_M, float(np.prod(np.maximum(np.ptp(points, axis=0), 1e-3))))
     return float(np.clip(BOARD_KG_M3 * volume, *MASS_KG))
-
-
-def _area(surface: Surface) -> float:
-    a, b, c = (surface.points[surface.faces[:, k]] for k in range(3))
-    return float(np.linalg.norm(np.cross(b - a, c - a), axis=1).sum() / 2.0)

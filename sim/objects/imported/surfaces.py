@@ -9,16 +9,15 @@ from typing import Any
 import gtsam
 import numpy as np
 import trimesh
-from numpy.typing import NDArray
 from trimesh.resolvers import FilePathResolver
 
 from akm_fg.errors import InputError
 from akm_fg.records import FloatArray
+from sim.objects.obj_files import IntArray
 from sim.objects.textures import Rgb
 from sim.objects.urdf.urdf_model import Shape
 
 GREY = (0.7, 0.7, 0.7)  # of what says nothing of its colour
-IntArray = NDArray[np.int64]
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,6 +35,10 @@ class Surface:
         """The surface in another frame."""
         R, t = T_to_from.rotation().matrix(), T_to_from.translation()
         return replace(self, points=self.points @ R.T + t)
+
+    def mesh(self) -> trimesh.Trimesh:
+        """The triangles alone."""
+        return trimesh.Trimesh(self.points, self.faces, process=False)
 
     def scaled(self, factor: float) -> Surface:
         """The surface `factor` times as large, about the origin."""
