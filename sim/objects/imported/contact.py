@@ -178,8 +178,9 @@ def _edge(
         "right": (0, -1.0, R_EDGE["right"]),
         "top": (2, -1.0, R_BELOW),
     }.get(hinge or "", (2, 1.0, R_EDGE["above"]))
-    ends = part[:, axis] * sign
-    rim = part[(ends > ends.max() - 2.0 * EDGE_GRIP_M) & (part[:, 1] < face_m + FINGERS_M)]
+    board = part[part[:, 1] < face_m + FINGERS_M]  # what is behind it may stand higher
+    ends = board[:, axis] * sign
+    rim = board[ends > ends.max() - 2.0 * EDGE_GRIP_M]
     low, high = rim.min(axis=0), rim.max(axis=0)
     along = 2 if axis == 0 else 0
     p_object = (low + high) / 2.0

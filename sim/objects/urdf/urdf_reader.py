@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 import xml.etree.ElementTree as ET
+from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -17,6 +18,8 @@ import numpy as np
 from akm_fg.errors import InputError
 from akm_fg.records import FloatArray
 from sim.objects.urdf.urdf_model import KINDS, MOVABLE, Joint, Link, Shape, UrdfModel
+
+SHOWN = 60  # characters of a name that no file can have
 
 
 def read_urdf(path: Path) -> UrdfModel:
@@ -29,7 +32,7 @@ def read_urdf(path: Path) -> UrdfModel:
         raise InputError(path, "no such file", "a URDF file")
     try:
         robot = ET.parse(path).getroot()
-    except (ET.ParseError, UnicodeDecodeError, OSError) as error:
+    except (ET.ParseError, LookupError, ValueError, OSError) as error:  # also of its encoding
         raise InputError(path, f"is not XML ({error})", "a URDF file") from error
     if robot.tag != "robot":
         raise InputError(path, f"its root is <{robot.tag}>", "<robot>, as a URDF has")
@@ -43,16 +46,16 @@ def read_urdf(path: Path) -> UrdfModel:
 
 def _check_tree(path: Path, links: dict[str, Link], joints: Sequence[Joint]) -> str:
     """The root link."""
-    children = [joint.child for joint in joints]
+    n_parents = Counter(joint.child for joint in joints)
     for joint in joints:
         for end in (joint.parent, joint.child):
             if end not in links:
                 wrong = f"joint {joint.name!r} names a link {end!r} that is not there"
                 raise InputError(path, wrong, f"one of {', '.join(links)}")
-    twice = sorted({child for child in children if children.count(child) > 1})
+    twice = sorted(child for child, count in n_parents.items() if count > 1)
     if twice:
         raise InputError(path, f"link {twice[0]!r} hangs on several joints", "a tree of links")
-    roots = [name for name in links if name not in children]
+    roots = [name for name in links if name not in n_parents]
     if not roots:
         raise InputError(path, "its joints form a loop", "a tree of links with one root")
     reached, grown = set(roots[:1]), True
@@ -171,8 +174,12 @@ class _Reader:
                 for way in (inside, after)
             ]
         for place in places:
-            if place.is_file():
-                return place
+            try:
+                if place.is_file():
+                    return place
+            except OSError as error:
+                wrong = f"mesh {filename[:SHOWN]} cannot be looked for ({error.strerror})"
+                raise InputError(self._path, wrong, "the name of a file") from error
         if required:
             raise InputError(self._path, f"mesh {filename} is missing", f"it at {places[0]}")
         return places[0]

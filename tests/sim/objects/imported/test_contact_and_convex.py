@@ -9,9 +9,11 @@ import pytest
 import trimesh
 
 from sim.objects.imported import convex
+from sim.objects.imported.contact import EDGE_GRIP_M, find_contact
 from sim.objects.imported.convex import convex_pieces
 from sim.objects.imported.imported_build import inertia_of_hulls
 from sim.objects.imported.imported_spec import ImportOptions
+from sim.objects.imported.surfaces import Surface
 from sim.objects.staging import find_spec
 
 DOOR = {"kind": "revolute", "axis": "0 1 0", "origin": (-0.45, 0.0, 0.52), "limits": (-1.57, 0.0)}
@@ -78,6 +80,21 @@ def test_a_protrusion_serves_as_handle_and_a_point_may_be_given(mobility_object,
     ).handle
     assert given.style == "given"
     assert np.linalg.norm(given.T_object_handle[:3, 3] - point) < 0.03
+
+
+def test_a_front_below_its_own_back_is_pinched_at_the_front():
+    def board(middle: tuple[float, float, float], sides: list[float]) -> Surface:
+        box = trimesh.creation.box(sides).apply_translation(middle)
+        return Surface("board", box.vertices, box.faces, (0.5, 0.5, 0.5))
+
+    front = board((0.0, -0.25, 0.20), [0.56, 0.02, 0.15])
+    floor = board((0.0, -0.02, 0.14), [0.5, 0.45, 0.01])
+    back = board((0.0, 0.20, 0.35), [0.5, 0.01, 0.4])
+    contact = find_contact([front, floor, back], [], None, np.zeros(3))
+    assert contact.style == "edge" and contact.fits
+    assert contact.thickness_m == pytest.approx(0.02, abs=1e-3)
+    at_edge = [0.0, -0.25, 0.275 - EDGE_GRIP_M]
+    np.testing.assert_allclose(contact.T_object_handle[:3, 3], at_edge, atol=5e-3)
 
 
 def test_hulls_share_the_mass_by_volume_and_have_the_textbook_inertia():

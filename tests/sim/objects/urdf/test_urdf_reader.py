@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -61,6 +62,38 @@ def test_a_broken_file_gets_one_line_that_says_what_is_wrong(told: str, tmp_path
         read_urdf(path)
     line = str(caught.value)
     assert told in line and str(path) in line and "expected" in line and "\n" not in line
+
+
+@pytest.mark.parametrize("encoding", ["utf-7", "no-such-encoding"])
+def test_an_encoding_that_cannot_be_read_is_one_line(encoding: str, tmp_path: Path):
+    path = write(tmp_path, LINKS + joint())
+    path.write_text(f'<?xml version="1.0" encoding="{encoding}"?>{path.read_text()}')
+    with pytest.raises(InputError, match="is not XML"):
+        read_urdf(path)
+
+
+def test_a_mesh_name_that_no_file_can_have_is_one_short_line(tmp_path: Path):
+    shape = MESH.replace("gone", "m" * 5000)
+    with pytest.raises(InputError, match="cannot be looked for") as caught:
+        read_urdf(write(tmp_path, f'<link name="a">{shape}</link>'))
+    assert len(str(caught.value)) < 300
+
+
+ENTITIES = {
+    "outside": '<!ENTITY x SYSTEM "secret.txt">',
+    "bomb": '<!ENTITY a "0123456789">'
+    + "".join(f'<!ENTITY {b} "{f"&{a};" * 10}">' for a, b in pairwise("abcdefgh"))
+    + '<!ENTITY x "&h;">',
+}
+
+
+@pytest.mark.parametrize("entity", ENTITIES)
+def test_entities_neither_fetch_nor_fill_memory(entity: str, tmp_path: Path):
+    (tmp_path / "secret.txt").write_text("secret")
+    path = write(tmp_path, LINKS.replace('<link name="a">', '<link name="a">&x;') + joint())
+    path.write_text(f"<!DOCTYPE robot [{ENTITIES[entity]}]>{path.read_text()}")
+    with pytest.raises(InputError, match="is not XML"):
+        read_urdf(path)
 
 
 def test_a_loop_beside_a_root_is_found_too(tmp_path: Path):
@@ -132,3 +165,60 @@ def test_links_stand_where_another_reader_has_them(mobility_object, tmp_path: Pa
         "link_1",
         "link_2",
     }
+
+
+RICH = """
+<material name="oak"><color rgba="0.6 0.4 0.2 1"/></material>
+<link name="base"><inertial><mass value="7.5"/></inertial>
+  <visual name="side"><origin xyz="0.1 -0.2 0.3" rpy="0.4 -0.5 0.6"/><material name="oak"/>
+    <geometry><box size="0.5 0.6 0.7"/></geometry></visual>
+  <visual><geometry><mesh filename="m.stl" scale="0.001"/></geometry></visual>
+  <collision><origin rpy="0 1.5 0"/>
+    <geometry><cylinder radius="0.2" length="0.9"/></geometry></collision></link>
+<link name="lid">
+  <visual><geometry><mesh filename="m.stl" scale="1 -2 3"/></geometry></visual></link>
+<link name="knob"><visual><geometry><sphere radius="0.03"/></geometry></visual></link>
+<joint name="hinge" type="revolute"><parent link="base"/><child link="lid"/>
+  <origin xyz="1 2 3" rpy="-0.1 0.2 -0.3"/><axis xyz="0 0.6 -0.8"/>
+  <limit lower="-0.5" upper="1.5" effort="1" velocity="1"/><dynamics damping="0.7" friction="0.2"/>
+</joint>
+<joint name="slide" type="prismatic"><parent link="lid"/><child link="knob"/>
+  <limit upper="0.1" effort="1" velocity="1"/><mimic joint="hinge" multiplier="2"/></joint>
+"""
+
+
+def test_every_number_is_what_another_reader_has(tmp_path: Path):
+    (tmp_path / "m.stl").write_text("solid m\nendsolid m\n")
+    path = write(tmp_path, RICH)
+    ours, theirs = read_urdf(path), yourdfpy.URDF.load(str(path), load_meshes=False)
+    for joint_, other in zip(ours.joints, theirs.robot.joints, strict=True):
+        T = np.eye(4) if other.origin is None else other.origin
+        np.testing.assert_allclose(joint_.T_parent_joint.matrix(), T, atol=1e-12)
+        np.testing.assert_allclose(joint_.axis, other.axis)
+        limits = (other.limit.lower or 0.0, other.limit.upper)
+        assert (joint_.name, joint_.kind) == (other.name, other.type)
+        assert (joint_.lower, joint_.upper) == limits
+        assert (joint_.parent, joint_.child) == (other.parent, other.child)
+    hinge, dynamics = ours.joints[0], theirs.robot.joints[0].dynamics
+    assert (hinge.damping, hinge.friction) == (float(dynamics.damping), float(dynamics.friction))
+    for link in theirs.robot.links:
+        mine = ours.links[link.name]
+        assert mine.mass_kg == (link.inertial.mass if link.inertial else None)
+        for shapes, others in ((mine.visuals, link.visuals), (mine.collisions, link.collisions)):
+            for shape, other in zip(shapes, others, strict=True):
+                T = np.eye(4) if other.origin is None else other.origin
+                np.testing.assert_allclose(shape.T_link_shape.matrix(), T, atol=1e-12)
+                np.testing.assert_allclose(shape.size, _size(other.geometry))
+    oak = ours.links["base"].visuals[0].rgb
+    np.testing.assert_allclose(oak, theirs.robot.materials[0].color.rgba[:3])
+
+
+def _size(geometry: yourdfpy.Geometry) -> np.ndarray:
+    """(3,) as in `Shape.size`."""
+    if geometry.box is not None:
+        return geometry.box.size
+    if geometry.cylinder is not None:
+        return np.array([geometry.cylinder.radius] * 2 + [geometry.cylinder.length])
+    if geometry.sphere is not None:
+        return np.full(3, geometry.sphere.radius)
+    return np.ones(3) * geometry.mesh.scale
