@@ -15,7 +15,7 @@ import numpy as np
 
 from akm_fg.errors import InputError
 from akm_fg.records import FloatArray
-from sim.objects.imported.closed_state import Opening, closed_states, opening
+from sim.objects.imported.closed_state import Opening, closed_states, moved, opening
 from sim.objects.imported.surfaces import Surface, surfaces_of
 from sim.objects.urdf.urdf_model import Joint, Link, Shape, UrdfModel
 
@@ -67,12 +67,12 @@ def assemble(
     poses = model.T_root_links(closed_states(model, points))
     T_root_joint = poses[joint.parent] * joint.T_parent_joint
     axis = opens.sign * (T_root_joint.rotation().matrix() @ joint.axis)
-    at = {name: _at(poses[name], p) for name, p in points.items() if len(p)}
+    at = {name: moved(poses[name], p) for name, p in points.items() if len(p)}
     everything = np.concatenate(list(at.values()))
     part = np.concatenate([p for name, p in at.items() if name in below])
     way = _front(part, everything, axis, T_root_joint.translation(), joint.kind, opens.travel)
     T = _object_from_root(np.array(FRONTS[front]) if front else way, everything)
-    size = np.ptp(_at(T, everything), axis=0)
+    size = np.ptp(moved(T, everything), axis=0)
     factor = side_m / float(size.max()) if scale is None else scale
     T_of = {name: T * T_root_link for name, T_root_link in poses.items()}
     return Assembly(
@@ -117,10 +117,6 @@ def _collisions(link: Link, seen: list[Surface], model: UrdfModel) -> list[Surfa
 
 def _points(surfaces: list[Surface]) -> FloatArray:
     return np.concatenate([s.points for s in surfaces]) if surfaces else np.zeros((0, 3))
-
-
-def _at(T: gtsam.Pose3, points: FloatArray) -> FloatArray:
-    return np.asarray(points @ T.rotation().matrix().T + T.translation())
 
 
 def _front(

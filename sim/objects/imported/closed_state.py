@@ -60,10 +60,11 @@ def opening(model: UrdfModel, joint: Joint, points: LinkPoints) -> Opening:
 
 def _box_volume(model: UrdfModel, joint: Joint, state: float, points: LinkPoints) -> float:
     poses = model.T_root_links({**resting(model), joint.name: state})
-    placed = [_moved(poses[link], p) for link, p in points.items() if len(p)]
+    placed = [moved(poses[link], p) for link, p in points.items() if len(p)]
     corners = np.concatenate(placed)
     return float(np.prod(np.maximum(np.ptp(corners, axis=0), 1e-6)))
 
 
-def _moved(T_root_link: gtsam.Pose3, points: FloatArray) -> FloatArray:
-    return np.asarray(points @ T_root_link.rotation().matrix().T + T_root_link.translation())
+def moved(T_to_from: gtsam.Pose3, points: FloatArray) -> FloatArray:
+    """(N, 3) points in another frame."""
+    return np.asarray(points @ T_to_from.rotation().matrix().T + T_to_from.translation())

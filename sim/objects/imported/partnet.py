@@ -71,19 +71,12 @@ class PartnetSuite:
         if not self._objects():
             raise InputError(self.folder, "has no PartNet-Mobility objects", f"FOLDER/ID/{URDF}")
 
-    def __len__(self) -> int:
-        return len(self.names())
-
     def __iter__(self) -> Iterator[ImportedSpec]:
         """Every sound object as met with seed 0; what is wrong with the others is logged."""
         specs, skipped = self.sound(0)
         for bad in skipped:
             LOG.warning("%s is left out: %s", bad.name, bad.problem)
         return iter(specs)
-
-    def names(self) -> tuple[str, ...]:
-        """ID, or ID#JOINT where several joints move; files that cannot be read are left out."""
-        return self._named()[0]
 
     def load(self, name: str, seed: int = 0, options: ImportOptions | None = None) -> ImportedSpec:
         """One object, its joint named in `name` or in the options.
@@ -111,6 +104,7 @@ class PartnetSuite:
         return specs, skipped
 
     def _named(self) -> tuple[tuple[str, ...], list[Skipped]]:
+        """ID, or ID#JOINT where several joints move; and the files that cannot be read."""
         names: list[str] = []
         skipped = []
         for identity in self._objects():

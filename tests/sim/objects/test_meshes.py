@@ -1,4 +1,4 @@
-"""Written meshes: what is in the files, as another reader has it."""
+"""Meshes of boxes: their files as another reader has them, and the inertia of what they are."""
 
 from __future__ import annotations
 
@@ -9,7 +9,13 @@ import numpy as np
 import pytest
 import trimesh
 
-from sim.objects.meshes import ROUND_SIDES, Box, inertia_of_boxes, write_textured_boxes
+from sim.objects.meshes import (
+    ROUND_SIDES,
+    Box,
+    box_faces,
+    inertia_of_boxes,
+    write_textured_boxes,
+)
 from sim.objects.obj_files import Patch, joined, write_obj, write_solid
 
 TURNED = gtsam.Pose3(gtsam.Rot3.RzRyRx(0.3, -0.4, 1.1), np.array([0.2, -0.5, 0.9]))
@@ -20,6 +26,25 @@ def read(path: Path) -> trimesh.Trimesh:
     scene = trimesh.load_scene(path, process=False)
     (mesh,) = scene.geometry.values()
     return mesh
+
+
+def test_the_inertia_of_a_box_is_the_textbook_one():
+    box = Box("b", np.array([1.0, 2.0, 3.0]), gtsam.Pose3(), "front")
+    com, inertia = inertia_of_boxes([box], 12.0)
+    np.testing.assert_allclose(com, 0.0)
+    np.testing.assert_allclose(inertia, np.diag([13.0, 10.0, 5.0]))
+
+
+def test_texture_coordinates_are_to_scale_and_positive():
+    box = Box("b", np.array([0.4, 0.02, 0.3]), gtsam.Pose3(), "front")
+    corners, uvs, normals = box_faces(box)
+    assert (uvs > 0).all()
+    for ring, uv, normal in zip(corners, uvs, normals, strict=True):
+        sides_m = np.linalg.norm(np.diff(ring, axis=0), axis=1)
+        sides_uv = np.linalg.norm(np.diff(uv, axis=0), axis=1)
+        np.testing.assert_allclose(sides_uv / sides_m, sides_uv[0] / sides_m[0])
+        winding = np.cross(ring[1] - ring[0], ring[2] - ring[1])
+        assert winding @ normal > 0
 
 
 @pytest.mark.parametrize("rounded", [False, True])
