@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import logging
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from typing import Protocol
 
@@ -23,10 +23,11 @@ from scipy.special import ndtr
 from akm_fg.errors import GraspFailed, InsufficientData, MotionInfeasible, TracksLost
 from akm_fg.interfaces import Arm, Camera
 from akm_fg.io.recording_depth import as_stored
-from akm_fg.pipeline import RecordingFit, fit_recording
+from akm_fg.pipeline import fit_recording
 from akm_fg.planning.opening_path import HandLimits, plan_opening
 from akm_fg.posterior import JointPosterior, StatePosterior
 from akm_fg.records import FloatArray, Recording, RgbdFrame, RoundSummary
+from akm_fg.stages import RecordingFit
 
 log = logging.getLogger(__name__)
 
@@ -96,6 +97,10 @@ class Task:
     target: dict[str, float]  # kind -> wanted state relative to the first frame, m or rad
 
 
+Modeller = Callable[[Recording], RecordingFit]
+"""The frames so far -> what was seen in them and what it means."""
+
+
 class Observer(Protocol):
     """Is told what happens, as it happens."""
 
@@ -121,6 +126,7 @@ def run_episode(
     episode: Episode,
     observer: Observer,
     config: EpisodeConfig | None = None,
+    model: Modeller = fit_recording,
 ) -> None:
     """Grasp a given contact, pull, model, and drive the part to a target.
 
@@ -132,6 +138,7 @@ def run_episode(
             says in one line why the target was not reached.
         observer: is told of frames and stages.
         config: tuning.
+        model: makes a posterior of the frames so far.
     """
     config = config or EpisodeConfig()
     watch = _Watch(arm, camera, episode, observer)
@@ -144,7 +151,7 @@ def run_episode(
         observer.stage(f"pulling {100 * config.pull_m:.0f} cm")
         watch.until_done(arm.pull(task.direction_world, config.pull_m, tick_s), "pull")
         watch.look()
-        _drive(arm, watch, task, config)
+        _drive(arm, watch, task, config, model)
     except (GraspFailed, MotionInfeasible, InsufficientData) as error:
         episode.failure = str(error)
 
@@ -198,14 +205,14 @@ class _Watch:
 _DONE = object()
 
 
-def _drive(arm: Arm, watch: _Watch, task: Task, config: EpisodeConfig) -> None:
+def _drive(arm: Arm, watch: _Watch, task: Task, config: EpisodeConfig, model: Modeller) -> None:
     """Rounds of fit, decide, move."""
     episode, observer = watch.episode, watch.observer
     commanded: float | None = None
     for number in range(config.max_rounds + 1):
         observer.stage(f"modelling {len(episode.looks)} frames")
         began = time.perf_counter()
-        episode.fit = fit_recording(episode.recording(task.name))
+        episode.fit = model(episode.recording(task.name))
         watch.took("model", began)
         joint, states = _joint_of(episode.fit)
         if joint.kind not in task.target:

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import logging
 import time
-from dataclasses import dataclass, replace
-from typing import Literal
+from dataclasses import replace
 
 import numpy as np
 
@@ -23,82 +22,96 @@ from akm_fg.io.inputs import FitInput
 from akm_fg.io.tracks import TracksInput
 from akm_fg.perception.change.depth_change import explained_share
 from akm_fg.perception.change.depth_motion import DepthMotion, depth_motion
-from akm_fg.perception.depth.depth_noise import DepthNoiseModel
+from akm_fg.perception.config import PerceptionConfig
 from akm_fg.perception.moving_part.following import following
-from akm_fg.perception.observe import ObserveConfig, ObservedMotion, observe_motion
+from akm_fg.perception.observe import ObservedMotion, observe_motion
 from akm_fg.perception.surface.changed_surface import ChangedSurface
 from akm_fg.perception.surface.part_surface import PartSurface
 from akm_fg.posterior import ArticulationPosterior
 from akm_fg.records import Recording
+from akm_fg.stages import ModelSettings, RecordingFit, Sources, Stages
 
 log = logging.getLogger(__name__)
-
-Sources = Literal["tracks", "dense", "both"]
-_CLEARLY_MORE = 0.1  # of the changed surface: less is chance, and tracks see sideways too
-
-
-@dataclass(frozen=True, slots=True)
-class RecordingFit:
-    """What was seen in a recording, and what it means."""
-
-    observed: ObservedMotion
-    posterior: ArticulationPosterior
 
 
 def fit_recording(
     recording: Recording,
     seed: int = 0,
-    observe_config: ObserveConfig | None = None,
+    perception: PerceptionConfig | None = None,
     fit_config: FitConfig | None = None,
     sources: Sources = "both",
     states: StateKnowledge | None = None,
+    stages: Stages | None = None,
 ) -> RecordingFit:
     """Mask, track, lift, segment, and fit the moving part's joint.
 
     Args:
         recording: the clip.
         seed: of whatever is sampled.
-        observe_config: tuning of the way from images to tracks.
+        perception: tuning of the way from images to tracks and surfaces.
         fit_config: tuning of the estimator.
         sources: what enters the graph: tracks, the surfaces of keyframes (dense), or both.
         states: what is known of the joint's motion and limits.
+        stages: who masks, tracks and estimates; see `akm_fg.stages`.
 
     Raises:
         TracksLost: no object, or nothing on it could be followed and depth shows no motion.
         NoMotionObserved: nothing moved beyond the noise.
         AxisUnobservable: no moving kind can be fitted.
     """
+    stages = stages or Stages()
+    config = perception or PerceptionConfig()
+    settings = ModelSettings(config, fit_config or FitConfig(), sources, states, seed)
     began = time.perf_counter()
-    observed = observe_motion(recording, observe_config, np.random.default_rng(seed))
+    observed = observe_motion(
+        recording,
+        config.observe,
+        np.random.default_rng(seed),
+        stages.segmenter,
+        None if stages.tracker is None else stages.tracker(),
+    )
     seen = time.perf_counter()
-    config = fit_config or FitConfig()
-    noise = (observe_config or ObserveConfig()).noise
-    change = None if sources == "tracks" else _better_than_tracks(recording, observed, noise)
+    fit = (stages.estimator or estimate_joint)(recording, observed, settings)
+    return replace(fit, posterior=replace(fit.posterior, time_s=_times(began, seen)))
+
+
+def estimate_joint(
+    recording: Recording, observed: ObservedMotion, settings: ModelSettings
+) -> RecordingFit:
+    """Tracks and surfaces to the posterior of the joint: the default estimator.
+
+    Raises:
+        TracksLost: too little could be followed and depth shows no motion.
+        NoMotionObserved: nothing moved beyond the noise.
+        AxisUnobservable: no moving kind can be fitted.
+    """
+    config, sources = settings.fit, settings.sources
+    change = None
+    if sources != "tracks":
+        change = _better_than_tracks(recording, observed, settings.perception)
     if change is None:
         try:
             observed.segmentation.require_motion()
         except InsufficientData as error:
             raise type(error)(f"{recording.name}: {error}; expected a part that moves") from error
     knowledge = knowledge_of(recording, observed, config)
-    if states is not None:
-        knowledge.append(states)
+    if settings.states is not None:
+        knowledge.append(settings.states)
     if change is not None:
-        observed, posterior = _from_change(
-            recording, observed, change, sources, seed, config, knowledge
-        )
-        return RecordingFit(observed, replace(posterior, time_s=_times(began, seen)))
-    surface = PartSurface(recording, observed, noise, seed)
+        return _from_change(recording, observed, change, settings, knowledge)
+    noise, surface_config = settings.perception.observe.noise, settings.perception.surface
+    surface = PartSurface(recording, observed, noise, settings.seed, surface_config)
     posterior = fit_tracks(
         observed.moving_tracks,
         recording.name,
-        seed=seed,
+        seed=settings.seed,
         config=config,
         systematic_m=config.camera_systematic_m,
         sources=[SurfaceToRegister(surface), *knowledge] if sources == "both" else knowledge,
     )
     if sources == "dense":
         posterior = _surface_alone(posterior, observed, surface, config, knowledge)
-    return RecordingFit(observed, replace(posterior, time_s=_times(began, seen)))
+    return RecordingFit(observed, posterior)
 
 
 def _times(began: float, seen: float) -> dict[str, float]:
@@ -107,13 +120,13 @@ def _times(began: float, seen: float) -> dict[str, float]:
 
 
 def _better_than_tracks(
-    recording: Recording, observed: ObservedMotion, noise: DepthNoiseModel
+    recording: Recording, observed: ObservedMotion, config: PerceptionConfig
 ) -> DepthMotion | None:
     """The motion that depth alone shows, where it explains more of what changed than the tracks'.
 
     Plain surfaces have few tracks, and those may follow edges and reflections instead of the part.
     """
-    found = depth_motion(recording, observed.object_mask, noise)
+    found = depth_motion(recording, observed.object_mask, config.observe.noise, config.change)
     if found is None or not observed.segmentation.moving.any():
         return found
     motion = free_rigid_motion(observed.moving_tracks, np.random.default_rng(0))
@@ -126,23 +139,22 @@ def _better_than_tracks(
     log.info(
         "%s: tracks explain %.2f of the change, depth %.2f", recording.name, by_tracks, by_depth
     )
-    return found if not by_tracks >= by_depth - _CLEARLY_MORE else None
+    return found if not by_tracks >= by_depth - config.change.clearly_more else None
 
 
 def _from_change(
     recording: Recording,
     observed: ObservedMotion,
     change: DepthMotion,
-    sources: Sources,
-    seed: int,
-    config: FitConfig,
+    settings: ModelSettings,
     knowledge: list[Given],
-) -> tuple[ObservedMotion, ArticulationPosterior]:
+) -> RecordingFit:
     """Start from the motion that depth shows; the tracks that follow it take part."""
-    surface, guess = ChangedSurface(change.change, seed), change.guesses[0]
+    perception, guess = settings.perception, change.guesses[0]
+    surface = ChangedSurface(change.change, settings.seed, perception.surface)
     R, t = guess.motion()
     known = change.known[0]
-    moving = following(observed.tracks, R, t, known)
+    moving = following(observed.tracks, R, t, known, perception.following)
     segmentation = observed.segmentation
     observed = replace(
         observed,
@@ -153,7 +165,7 @@ def _from_change(
             rejected=(segmentation.rejected | segmentation.moving) & ~moving,
         ),
     )
-    if moving.sum() < MIN_POINTS or sources == "dense":
+    if moving.sum() < MIN_POINTS or settings.sources == "dense":
         moving = np.zeros_like(moving)
     posterior = fit_surface(
         surface,
@@ -161,11 +173,11 @@ def _from_change(
         surface.middle(R, t, known),
         observed.tracks.select(moving),
         recording.name,
-        config,
-        config.camera_systematic_m,
+        settings.fit,
+        settings.fit.camera_systematic_m,
         knowledge,
     )
-    return observed, posterior
+    return RecordingFit(observed, posterior)
 
 
 def _surface_alone(
@@ -216,15 +228,29 @@ def knowledge_of(recording: Recording, observed: ObservedMotion, config: FitConf
 
 
 def fit_input(
-    data: FitInput, name: str, seed: int = 0, config: FitConfig | None = None
+    data: FitInput,
+    name: str,
+    seed: int = 0,
+    config: FitConfig | None = None,
+    perception: PerceptionConfig | None = None,
+    stages: Stages | None = None,
 ) -> ArticulationPosterior:
     """The posterior of any input of `akm-fg fit`.
+
+    Args:
+        data: a recording, tracks or poses.
+        name: of the posterior.
+        seed: of whatever is sampled.
+        config: tuning of the estimator.
+        perception: of a recording, tuning of the way from images to tracks and surfaces.
+        stages: of a recording, who masks, tracks and estimates.
 
     Raises:
         InsufficientData: the data are sound but do not suffice.
     """
     if isinstance(data, Recording):
-        posterior = fit_recording(replace(data, name=name), seed, fit_config=config).posterior
+        recording = replace(data, name=name)
+        posterior = fit_recording(recording, seed, perception, config, stages=stages).posterior
     elif isinstance(data, TracksInput):
         posterior = fit_tracks(data.tracks, name, data.noise_known, seed, config)
     else:

@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-import akm_fg.closed_loop as closed_loop
 from akm_fg.closed_loop import (
     Episode,
     EpisodeConfig,
@@ -17,7 +16,6 @@ from akm_fg.closed_loop import (
     run_episode,
 )
 from akm_fg.errors import GraspFailed, NoMotionObserved
-from akm_fg.pipeline import RecordingFit
 from akm_fg.posterior import (
     ArticulationPosterior,
     Evidence,
@@ -27,6 +25,7 @@ from akm_fg.posterior import (
     StatePosterior,
 )
 from akm_fg.records import PinholeCamera, RgbdFrame
+from akm_fg.stages import RecordingFit
 from factors.joint import Joint
 
 CAMERA = PinholeCamera(4, 3, 4.0, 4.0, 1.5, 1.0)
@@ -84,8 +83,8 @@ class Quiet:
 
 
 @pytest.fixture
-def run(monkeypatch):
-    def _run(world, target=0.2, state_sd=0.001, kind="prismatic"):
+def run():
+    def _run(world, target=0.2, state_sd=0.001, kind="prismatic", model=None):
         def fit(recording):
             n = len(recording.frames)
             mean, sd = np.full(n, world.state), np.full(n, state_sd)
@@ -95,10 +94,9 @@ def run(monkeypatch):
             posterior = ArticulationPosterior("x", kind, {kind: 1.0}, {kind: best}, report)
             return RecordingFit(None, posterior)
 
-        monkeypatch.setattr(closed_loop, "fit_recording", fit)
         episode, observer = Episode(), Quiet()
         task = Task("x", gtsam.Pose3(), np.array([0.0, 0.0, 1.0]), {"prismatic": target})
-        run_episode(world, world, task, episode, observer, EpisodeConfig())
+        run_episode(world, world, task, episode, observer, EpisodeConfig(), model or fit)
         return episode, observer
 
     return _run
@@ -150,19 +148,11 @@ def test_a_kind_without_a_target_is_a_failure_not_a_crash(run):
     assert "seems revolute" in episode.failure
 
 
-def test_no_motion_is_told(run, monkeypatch):
-    world = PaperDrawer()
-    real = closed_loop._drive
+def test_no_motion_is_told(run):
+    def fit(recording):
+        raise NoMotionObserved("x: nothing moved")
 
-    def drive(arm, watch, task, config):
-        def fit(recording):
-            raise NoMotionObserved("x: nothing moved")
-
-        monkeypatch.setattr(closed_loop, "fit_recording", fit)
-        real(arm, watch, task, config)
-
-    monkeypatch.setattr(closed_loop, "_drive", drive)
-    episode, _ = run(world)
+    episode, _ = run(PaperDrawer(), model=fit)
     assert episode.failure == "x: nothing moved"
 
 

@@ -10,10 +10,11 @@ from numpy.testing import assert_allclose
 from akm_fg import pipeline
 from akm_fg.errors import NoMotionObserved, TracksLost
 from akm_fg.io.posterior_json import posterior_as_dict
-from akm_fg.perception.depth.depth_noise import DepthNoiseModel
+from akm_fg.perception.config import PerceptionConfig
 from akm_fg.perception.observe import observe_motion
-from akm_fg.pipeline import fit_input, fit_recording
+from akm_fg.pipeline import estimate_joint, fit_input, fit_recording
 from akm_fg.records import PointTracks
+from akm_fg.stages import ModelSettings
 
 SOURCES = ("tracks", "dense", "both")
 
@@ -145,10 +146,9 @@ def _with_false_tracks(observed):
     )
 
 
-def test_tracks_that_explain_none_of_the_change_give_way_to_depth(door, monkeypatch):
+def test_tracks_that_explain_none_of_the_change_give_way_to_depth(door):
     observed = observe_motion(door.recording)
-    monkeypatch.setattr(pipeline, "observe_motion", lambda *_: _with_false_tracks(observed))
-    found = fit_recording(door.recording)
+    found = estimate_joint(door.recording, _with_false_tracks(observed), ModelSettings())
     assert found.posterior.kind == "revolute"
     angle, distance = _axis_line_off(found.posterior, door)
     assert np.degrees(angle) < 3.0 and distance < 0.02
@@ -159,4 +159,4 @@ def test_tracks_that_explain_none_of_the_change_give_way_to_depth(door, monkeypa
 
 def test_tracks_that_explain_the_change_are_kept(door):
     observed = observe_motion(door.recording)
-    assert pipeline._better_than_tracks(door.recording, observed, DepthNoiseModel()) is None
+    assert pipeline._better_than_tracks(door.recording, observed, PerceptionConfig()) is None

@@ -47,6 +47,9 @@ class DepthMotionConfig:
     surely_seen: float = 0.5  # of the most points of the face seen in any frame
     min_seen: float = 0.1  # of the face, in a frame whose state is known
     least_cosine: float = 0.2  # between ray and normal: 78 deg
+    # Share of the changed surface by which depth must explain more than tracks do, to take their
+    # place: less is chance, and tracks see sideways too.
+    clearly_more: float = 0.1
 
 
 @dataclass(frozen=True, slots=True)

@@ -26,8 +26,6 @@ from akm_fg.perception.moving_part.motion_config import MotionSegmentationConfig
 from akm_fg.perception.moving_part.motion_seeds import held_tracks, spectral_cluster, with_hand
 from akm_fg.records import BoolArray, FloatArray, PointTracks
 
-REFITS = 3  # of the motion, each to the tracks that the one before explains
-
 
 @dataclass(frozen=True, slots=True)
 class MotionSegmentation:
@@ -226,7 +224,7 @@ def _fit_motion(
         seed, enough = held_tracks(tracks, significant, hand_world, config), config.min_with_hand
     limit = config.max_per_freedom * config.max_noise_scale**2
     motion = None
-    for _ in range(REFITS):
+    for _ in range(config.refits):
         if len(seed) < enough:
             return None
         body = tracks.select(seed)

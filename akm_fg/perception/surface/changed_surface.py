@@ -9,12 +9,11 @@ import cv2
 import numpy as np
 
 from akm_fg.perception.change.depth_change import DepthChange, surface_points
-from akm_fg.perception.depth.depth_planes import DepthPlanesConfig, depth_planes
+from akm_fg.perception.depth.depth_planes import depth_planes
 from akm_fg.perception.surface.part_cloud import sample_cloud
-from akm_fg.perception.surface.patches import DenseViews, PatchConfig
+from akm_fg.perception.surface.part_surface import SurfaceConfig
+from akm_fg.perception.surface.patches import DenseViews
 from akm_fg.records import BoolArray, FloatArray
-
-_MARGIN_PX = 60  # around the changed pixels: where the part was before it was seen to have moved
 
 
 @dataclass(frozen=True, slots=True)
@@ -27,8 +26,7 @@ class ChangedSurface:
 
     change: DepthChange
     seed: int = 0
-    planes: DepthPlanesConfig = field(default_factory=DepthPlanesConfig)
-    patches: PatchConfig = field(default_factory=PatchConfig)
+    config: SurfaceConfig = field(default_factory=SurfaceConfig)
 
     def views(
         self, frames: Sequence[int], R_world: FloatArray, t_world: FloatArray, known: BoolArray
@@ -40,13 +38,12 @@ class ChangedSurface:
         numbers = tuple(int(t) for t in frames)
         fitted, clouds = [], []
         for t in numbers:
-            planes = depth_planes(
-                self.change.recording.frames[t], self.change.noise, around, self.planes
-            )
+            frame = self.change.recording.frames[t]
+            planes = depth_planes(frame, self.change.noise, around, self.config.planes)
             fitted.append(planes)
             on_part = replace(planes, valid=planes.valid & self.change.mask(t))
-            clouds.append(sample_cloud(on_part, t, rng, stride_px=2))
-        return DenseViews(numbers, tuple(fitted), tuple(clouds), self.patches)
+            clouds.append(sample_cloud(on_part, t, rng, stride_px=self.config.patches.stride_px))
+        return DenseViews(numbers, tuple(fitted), tuple(clouds), self.config.patches)
 
     def middle(self, R_world: FloatArray, t_world: FloatArray, known: BoolArray) -> FloatArray:
         """(3,) roughly the middle of the part at state zero, for motions from frame 0."""
@@ -57,6 +54,6 @@ class ChangedSurface:
     def _around(self) -> BoolArray:
         """(H, W) the changed pixels of all frames and their surroundings."""
         any_change = np.asarray((self.change.nearer | self.change.farther).any(axis=0))
-        side = 2 * _MARGIN_PX + 1
+        side = 2 * self.config.change_margin_px + 1
         mask = self.change.full_size(any_change).astype(np.uint8)
         return np.asarray(cv2.dilate(mask, np.ones((side, side), np.uint8)) > 0)

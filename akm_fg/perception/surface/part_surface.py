@@ -23,6 +23,8 @@ class SurfaceConfig:
     mask: PartMaskConfig = field(default_factory=PartMaskConfig)
     planes: DepthPlanesConfig = field(default_factory=DepthPlanesConfig)
     patches: PatchConfig = field(default_factory=PatchConfig)
+    # Around pixels whose depth changed: where the part was before it was seen to have moved.
+    change_margin_px: int = 60
 
 
 @dataclass(frozen=True, slots=True)

@@ -29,6 +29,7 @@ class PatchConfig:
     max_patches: int = 4000
     max_normal_angle_rad: float = 0.35  # between a patch and the plane seen; normals are +-3 deg
     min_views: int = 2  # keyframes a patch must be seen in
+    stride_px: int = 2  # of the pixels at which patches may be set
 
 
 @dataclass(frozen=True, slots=True)
@@ -115,17 +116,13 @@ def dense_views(
         config: tuning.
         points_per_frame: None for every pixel with a plane.
     """
+    config = config or PatchConfig()
     kept = [k for k, p in enumerate(planes) if p.valid.any()]
     clouds = tuple(
-        sample_cloud(planes[k], frames[k], rng, max_points=points_per_frame, stride_px=2)
-        for k in kept
+        sample_cloud(planes[k], frames[k], rng, points_per_frame, config.stride_px) for k in kept
     )
-    return DenseViews(
-        tuple(frames[k] for k in kept),
-        tuple(planes[k] for k in kept),
-        clouds,
-        config or PatchConfig(),
-    )
+    numbers, fitted = tuple(frames[k] for k in kept), tuple(planes[k] for k in kept)
+    return DenseViews(numbers, fitted, clouds, config)
 
 
 def _first_of_each(cells: NDArray[np.int64]) -> NDArray[np.int_]:

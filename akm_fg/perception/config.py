@@ -1,0 +1,20 @@
+"""All tuning of perception: one record, the rooms' own configs as its parts."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+from akm_fg.perception.change.depth_motion import DepthMotionConfig
+from akm_fg.perception.moving_part.following import FollowingConfig
+from akm_fg.perception.observe import ObserveConfig
+from akm_fg.perception.surface.part_surface import SurfaceConfig
+
+
+@dataclass(frozen=True, slots=True)
+class PerceptionConfig:
+    """From images to tracks, changes and surfaces of the moving part."""
+
+    observe: ObserveConfig = field(default_factory=ObserveConfig)
+    change: DepthMotionConfig = field(default_factory=DepthMotionConfig)
+    following: FollowingConfig = field(default_factory=FollowingConfig)
+    surface: SurfaceConfig = field(default_factory=SurfaceConfig)
