@@ -6,7 +6,7 @@ Coriolis, and inertia where a reference acceleration is known.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 from scipy.linalg.lapack import dposv
@@ -18,20 +18,15 @@ from akm_fg.records import FloatArray
 _REGULAR = 1e-6 * np.eye(6)  # of J J^T, so that a singular arm has a null space too
 
 
-def _per_joint(*values: float) -> FloatArray:
-    return np.array(values)
+PerJoint = tuple[float, float, float, float, float, float, float]
 
 
 @dataclass(frozen=True, slots=True)
 class JointImpedanceConfig:
     """Stiffness and damping of each joint, as in Franka's own joint impedance example."""
 
-    stiffness: FloatArray = field(  # (7,) N m/rad
-        default_factory=lambda: _per_joint(600.0, 600.0, 600.0, 600.0, 250.0, 150.0, 50.0)
-    )
-    damping: FloatArray = field(  # (7,) N m s/rad
-        default_factory=lambda: _per_joint(50.0, 50.0, 50.0, 50.0, 30.0, 25.0, 15.0)
-    )
+    stiffness: PerJoint = (600.0, 600.0, 600.0, 600.0, 250.0, 150.0, 50.0)  # N m/rad
+    damping: PerJoint = (50.0, 50.0, 50.0, 50.0, 30.0, 25.0, 15.0)  # N m s/rad
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,7 +54,8 @@ def joint_impedance(
     config: JointImpedanceConfig,
 ) -> FloatArray:
     """Torques (7,) N m of springs and dampers between the joints and their references, all (7,)."""
-    return config.stiffness * (q_ref - q) + config.damping * (dq_ref - dq) + balance
+    stiffness, damping = np.array(config.stiffness), np.array(config.damping)
+    return stiffness * (q_ref - q) + damping * (dq_ref - dq) + balance
 
 
 def cartesian_torques(

@@ -43,9 +43,9 @@ class _Legend:
     colour: Colour | None = None
 
 
-def render_page(summary: RunSummary) -> str:
-    """The report as HTML."""
-    config = OverlayConfig()
+def render_page(summary: RunSummary, config: OverlayConfig | None = None) -> str:
+    """The report as HTML; `config` is of what is drawn into the pictures."""
+    config = config or OverlayConfig()
     posterior, goal = summary.posterior, summary.goal
     return _template().render(
         title=summary.title,

@@ -6,12 +6,18 @@ from pathlib import Path
 
 from akm_fg.errors import OutputError
 from akm_fg.io.png import replace_file
+from akm_fg.report.overlay import OverlayConfig
 from akm_fg.report.page import render_page
 from akm_fg.report.summary import RunSummary
 
 
-def write_report(path: Path, summary: RunSummary) -> None:
+def write_report(path: Path, summary: RunSummary, config: OverlayConfig | None = None) -> None:
     """Write one self-contained HTML file, whole or not at all; makes the folder it goes to.
+
+    Args:
+        path: of the file.
+        summary: of the run.
+        config: of what is drawn into the pictures.
 
     Raises:
         OutputError: the file cannot be written there.
@@ -23,4 +29,4 @@ def write_report(path: Path, summary: RunSummary) -> None:
         path.parent.mkdir(parents=True, exist_ok=True)
     except OSError as e:
         raise OutputError(f"{path.parent}: cannot be made ({e.strerror})") from e
-    replace_file(path, render_page(summary).encode("utf-8"))
+    replace_file(path, render_page(summary, config).encode("utf-8"))

@@ -1,0 +1,33 @@
+"""All tuning of the program in one tree; every leaf has a dotted path, as in a `--config` file."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any
+
+from akm_fg.calibration.records import CalibrationConfig
+from akm_fg.closed_loop import EpisodeConfig
+from akm_fg.estimation.config import FitConfig
+from akm_fg.perception.config import PerceptionConfig
+from akm_fg.report.overlay import OverlayConfig
+
+
+@dataclass(frozen=True, slots=True)
+class StageNames:
+    """Which backends are used: names of files in `akm_fg.backends`."""
+
+    tracker: str = "flow"
+    segmenter: str = "depth"
+    own: dict[str, dict[str, Any]] = field(default_factory=dict)  # a backend's name -> its settings
+
+
+@dataclass(frozen=True, slots=True)
+class AkmConfig:
+    """What works on recordings and with an arm. The simulator's part is the command line's."""
+
+    stages: StageNames = field(default_factory=StageNames)
+    perception: PerceptionConfig = field(default_factory=PerceptionConfig)
+    fit: FitConfig = field(default_factory=FitConfig)
+    episode: EpisodeConfig = field(default_factory=EpisodeConfig)
+    overlay: OverlayConfig = field(default_factory=OverlayConfig)
+    calibration: CalibrationConfig = field(default_factory=CalibrationConfig)
