@@ -37,7 +37,7 @@ class SimEpisode:
 def open_world(
     object_name: str,
     seed: int = 0,
-    noise: str = "d455",
+    noise: str | None = None,
     *,
     joint: str | None = None,
     import_options: ImportOptions | None = None,
@@ -52,12 +52,12 @@ def open_world(
         object_name: `door`, `drawer`, SUITE/NAME such as `furniture-dev/door-003`, a URDF file
             or a PartNet-Mobility folder (`sim.objects.staging.find_spec`).
         seed: varies size, place, mass, friction, looks and the camera's noise.
-        noise: `clean`, `d455` or `harsh`.
+        noise: `clean`, `d455` or `harsh`; that of the camera's configuration if absent.
         joint: of a file or folder, the one that is free; needed where several move.
         import_options: what else to say of a file or folder.
         world_config: physics.
         franka_config: arm and gripper.
-        camera_config: image size and rendering; its noise is replaced by `noise`.
+        camera_config: image size, rendering and noise.
         view: where the camera stands.
 
     Raises:
@@ -65,9 +65,11 @@ def open_world(
         InputError: no such suite, object, file or joint, or a broken file.
         MotionInfeasible: no pose of the object can be opened by the arm.
     """
-    if noise not in NOISE_LEVELS:
+    if noise is not None and noise not in NOISE_LEVELS:
         raise ValueError(f"noise {noise!r}, expected one of {', '.join(NOISE_LEVELS)}")
-    config = replace(camera_config or CameraConfig(), noise=NOISE_LEVELS[noise])
+    config = camera_config or CameraConfig()
+    if noise is not None:
+        config = replace(config, noise=NOISE_LEVELS[noise])
     with SimWorld(object_name, seed, world_config, joint=joint, options=import_options) as world:
         arm = SimFranka(world, franka_config)
         T_world_cam = camera_pose(world, view or ViewConfig())

@@ -7,7 +7,7 @@ import json
 import os
 import subprocess
 import sys
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -15,16 +15,18 @@ import pytest
 
 pytest.importorskip("pybullet", reason="the simulator is not installed")
 
-from akm_fg.cli import simulated_run
-from akm_fg.cli.demo import DemoArguments, DemoSetting, demo, wanted_state
+from akm_fg.cli.demo import DemoArguments, demo, run_demo, wanted_state
+from akm_fg.cli.demo_config import DemoConfig, SimulatorConfig
 from akm_fg.cli.main import main
 from akm_fg.closed_loop import EpisodeConfig
+from akm_fg.io.config_file import read_config
 from akm_fg.io.recording import read_recording, read_truth
 from akm_fg.report.summary import RunSummary
+from sim.camera.camera import CameraConfig
 
-SMALL = DemoSetting(
-    EpisodeConfig(pull_m=0.08, pull_tick_s=0.2, move_tick_s=0.4),
-    image_scale=0.5,
+SMALL = DemoConfig(
+    episode=EpisodeConfig(pull_m=0.08, pull_tick_s=0.2, move_tick_s=0.4),
+    sim=SimulatorConfig(camera=CameraConfig().scaled(0.5)),
 )
 
 
@@ -40,22 +42,14 @@ class Ran:
     summary: RunSummary
 
 
-def run_demo(name: str, target: str, seed: int, path: Path) -> Ran:
-    said, told, out, known = io.StringIO(), io.StringIO(), path / "run.json", []
-    real = simulated_run.run_in_simulator
-
-    def spy(request):
-        known.append(real(request))
-        return known[0]
-
+def ran_demo(name: str, target: str, seed: int, path: Path) -> Ran:
+    said, told, out = io.StringIO(), io.StringIO(), path / "run.json"
     arguments = DemoArguments(name, target=target, seed=seed, out=path / "runs", json=str(out))
-    with pytest.MonkeyPatch.context() as patch, contextlib.redirect_stdout(said):
-        patch.setattr(simulated_run, "run_in_simulator", spy)
-        with contextlib.redirect_stderr(told):
-            code = demo(arguments, SMALL)
-    folder = _only_folder(path / "runs")
+    with contextlib.redirect_stdout(said), contextlib.redirect_stderr(told):
+        done = run_demo(arguments, SMALL)
+    assert done.folder == _only_folder(path / "runs") and done.summary is not None
     run = json.loads(out.read_text())
-    return Ran(code, run, said.getvalue(), told.getvalue(), folder, known[0][0])
+    return Ran(done.code, run, said.getvalue(), told.getvalue(), done.folder, done.summary)
 
 
 def _only_folder(path):
@@ -66,12 +60,12 @@ def _only_folder(path):
 @pytest.fixture(scope="module")
 def drawer(tmp_path_factory):
     """Seed 5 is not the default of `fit`: a seed of the episode in its posterior would show."""
-    return run_demo("drawer", "0.12", 5, tmp_path_factory.mktemp("drawer"))
+    return ran_demo("drawer", "0.12", 5, tmp_path_factory.mktemp("drawer"))
 
 
 @pytest.fixture(scope="module")
 def door(tmp_path_factory):
-    return run_demo("door", "25deg", 0, tmp_path_factory.mktemp("door"))
+    return ran_demo("door", "25deg", 0, tmp_path_factory.mktemp("door"))
 
 
 @pytest.mark.parametrize("name", ["drawer", "door"])
@@ -111,6 +105,13 @@ def test_fit_gives_the_posterior_of_the_episode_again_digit_by_digit(drawer, cap
     assert digits(again) == digits(drawer.json["posterior"])
 
 
+def test_the_settings_that_a_run_writes_are_its_own_and_give_its_posterior(drawer, capsys):
+    written = drawer.folder / "config.toml"
+    assert read_config(written, DemoConfig()) == SMALL
+    again = fitted(drawer.folder / "recording", "--config", str(written))
+    assert digits(again) == digits(drawer.json["posterior"])
+
+
 def test_the_recording_holds_what_the_episode_saw(drawer):
     got, want = read_recording(drawer.folder / "recording"), drawer.summary.recording
     assert got.grasp_frames == want.grasp_frames == (0, len(want.frames) - 1)
@@ -137,11 +138,12 @@ def test_fit_takes_the_frames_that_an_episode_had_when_it_modelled(drawer, capsy
 RUN = """
 import sys
 from pathlib import Path
-from akm_fg.cli.demo import DemoArguments, DemoSetting, demo
-from akm_fg.closed_loop import EpisodeConfig
+from akm_fg.cli.demo import DemoArguments, demo
+from akm_fg.cli.demo_config import DemoConfig, SimulatorConfig
+from sim.camera.camera import CameraConfig
 
 arguments = DemoArguments("door", seed=5, out=Path(sys.argv[1]))
-demo(arguments, DemoSetting(EpisodeConfig(), image_scale=0.5))
+demo(arguments, DemoConfig(sim=SimulatorConfig(camera=CameraConfig().scaled(0.5))))
 """
 
 
@@ -163,36 +165,34 @@ def test_the_same_seed_gives_the_same_files_in_every_process(tmp_path):
     assert found[0] == found[1]
 
 
-def test_an_interrupted_demo_leaves_what_was_recorded_readable(tmp_path, monkeypatch, capfd):
-    from sim.camera.camera import SimCamera
+class Interrupting:
+    """An observer that interrupts at the fourth frame, before it is kept."""
 
-    real, taken = SimCamera.capture, []
+    def __init__(self):
+        self.seen = 0
 
-    def capture(self):
-        if len(taken) == 4:
+    def looked(self, look):
+        self.seen += 1
+        if self.seen == 4:
             raise KeyboardInterrupt
-        taken.append(1)
-        return real(self)
 
-    monkeypatch.setattr(SimCamera, "capture", capture)
+    def stage(self, words):
+        pass
+
+
+def test_an_interrupted_demo_leaves_what_was_recorded_readable(tmp_path, capfd):
     arguments = DemoArguments("drawer", out=tmp_path / "runs")
-    assert demo(arguments, SMALL) == 130
+    assert run_demo(arguments, SMALL, Interrupting()).code == 130
     folder = _only_folder(tmp_path / "runs")
-    assert len(read_recording(folder / "recording").frames) == 3  # the first was for the arm
+    assert len(read_recording(folder / "recording").frames) == 3
     page = (folder / "report.html").read_text()
     assert "interrupted" in page and f"akm-fg fit {folder}/recording --json -" in page
 
 
-def test_a_grasp_that_fails_before_the_first_frame_is_told(tmp_path, monkeypatch, capfd):
-    from akm_fg.errors import GraspFailed
-    from sim.robot.franka import SimFranka
-
-    def grasp(self, T_world_grasp, tick_s):
-        raise GraspFailed("the fingers met with nothing between them")
-        yield
-
-    monkeypatch.setattr(SimFranka, "grasp", grasp)
-    assert demo(DemoArguments("drawer", out=tmp_path / "runs"), SMALL) == 1
+def test_a_grasp_that_fails_before_the_first_frame_is_told(tmp_path, capfd):
+    wide = replace(SMALL.sim.franka.gripper, nothing_m=0.1)  # wider than the hand opens
+    sim = replace(SMALL.sim, franka=replace(SMALL.sim.franka, gripper=wide))
+    assert demo(DemoArguments("drawer", out=tmp_path / "runs"), replace(SMALL, sim=sim)) == 1
     assert "nothing between them" in capfd.readouterr().err
 
 

@@ -19,7 +19,8 @@ from akm_fg.cli.target import Unit, parse_target
 from akm_fg.errors import GraspFailed, InputError, MissingDependency, OutputError
 
 if TYPE_CHECKING:
-    from akm_fg.closed_loop import EpisodeConfig
+    from akm_fg.cli.demo_config import DemoConfig
+    from akm_fg.closed_loop import Observer
     from akm_fg.report.summary import RunSummary
     from sim.objects.part_spec import PartSpec
 
@@ -51,60 +52,77 @@ class DemoArguments:
     """Folder in which the run's own folder is made."""
     json: str | None = None
     """Write the run as one JSON object to this file; - is standard output (no table then)."""
+    config: Path | None = None
+    """TOML file with settings that differ from the defaults, such as sim.camera.focal_px = 450.0.
+    All settings of a run are written to config.toml in its folder."""
+    tracker: str | None = None
+    """What follows points: flow, or another file of akm_fg/backends/trackers."""
+    segmenter: str | None = None
+    """What finds the object: depth, or another file of akm_fg/backends/segmenters."""
 
 
 @dataclass(frozen=True, slots=True)
-class DemoSetting:
-    """What a test makes smaller."""
+class DemoRun:
+    """What one demo did."""
 
-    episode: EpisodeConfig | None = None  # None: the default
-    image_scale: float = 1.0  # of 640 x 480 pixels
+    folder: Path
+    summary: RunSummary | None  # None: it ended before the first frame
+    code: int  # of the command
 
 
-def demo(arguments: DemoArguments, setting: DemoSetting | None = None) -> int:
-    """Run the command; tests hand in a smaller setting.
+def demo(arguments: DemoArguments, config: DemoConfig | None = None) -> int:
+    """Run the command.
+
+    Args:
+        arguments: of the command line.
+        config: what `--config` and the flags change; the defaults if absent.
 
     Raises:
-        InputError: a target that cannot be read, or of the wrong unit.
+        InputError: a target that cannot be read, or of the wrong unit; a configuration that
+            cannot be used.
         MissingDependency: the simulator is not installed.
         OutputError: the run's folder cannot be written.
     """
-    began, setting = time.perf_counter(), setting or DemoSetting()
+    return run_demo(arguments, config).code
+
+
+def run_demo(
+    arguments: DemoArguments,
+    config: DemoConfig | None = None,
+    observer: Observer | None = None,
+) -> DemoRun:
+    """As `demo`; an observer is told of frames and stages as they come, before they are kept."""
+    began = time.perf_counter()
     wanted = None if arguments.target is None else parse_target(arguments.target)
     _require_simulator()
-    from akm_fg.cli.simulated_run import RunRequest, run_in_simulator
-    from akm_fg.closed_loop import EpisodeConfig
+    from akm_fg.backends.registry import stages_of
+    from akm_fg.cli.config_argument import write_tree
+    from akm_fg.cli.demo_config import demo_config
+    from akm_fg.cli.simulated_run import CONFIG, RunRequest, run_in_simulator
 
+    config = demo_config(arguments, config)
+    stages = stages_of(config)
     thing = parse_object(arguments.object, arguments.joint)
     target = wanted_state(arguments, wanted, thing.spec(arguments.seed))
     with json_output(arguments.json) as stream:
         folder = _make_folder(arguments.out, f"{thing.label}-{arguments.seed}")
+        command = _command(arguments, thing)
+        write_tree(folder / CONFIG, config, f"All settings of {command}")
+        request = RunRequest(thing, arguments.seed, target, folder, command, config, stages)
         try:
-            summary, interrupted = run_in_simulator(
-                RunRequest(
-                    object=thing,
-                    seed=arguments.seed,
-                    target=target,
-                    folder=folder,
-                    command=_command(arguments, thing),
-                    config=setting.episode or EpisodeConfig(),
-                    image_scale=setting.image_scale,
-                )
-            )
+            summary, interrupted = run_in_simulator(request, observer)
         except GraspFailed as error:
             print(f"akm-fg: {error}", file=sys.stderr)
-            return GOAL_NOT_REACHED
+            return DemoRun(folder, None, GOAL_NOT_REACHED)
         summary.time_s["total"] = time.perf_counter() - began
-        _write(folder, summary)
+        _write(folder, summary, config)
         if stream is not None:
-            write_line(
-                stream, json_module.dumps(_as_dict(arguments.object, summary), allow_nan=False)
-            )
+            line = json_module.dumps(_as_dict(arguments.object, summary), allow_nan=False)
+            write_line(stream, line)
     if arguments.json != "-":
         _print(summary, folder)
-    if interrupted:
-        return INTERRUPTED
-    return DONE if summary.claims_reached else GOAL_NOT_REACHED
+    reached = DONE if summary.claims_reached else GOAL_NOT_REACHED
+    return DemoRun(folder, summary, INTERRUPTED if interrupted else reached)
 
 
 def _require_simulator() -> None:
@@ -134,8 +152,11 @@ def wanted_state(
 
 
 def _command(arguments: DemoArguments, thing: ObjectArgument) -> str:
-    target = "" if arguments.target is None else f" --target {arguments.target}"
-    return f"akm-fg demo {thing.words} --seed {arguments.seed}{target}"
+    words = f"akm-fg demo {thing.words} --seed {arguments.seed}"
+    for flag in ("target", "config", "tracker", "segmenter"):
+        given = getattr(arguments, flag)
+        words += "" if given is None else f" --{flag} {given}"
+    return words
 
 
 def _make_folder(out: Path, name: str) -> Path:
@@ -155,7 +176,7 @@ def _make_folder(out: Path, name: str) -> Path:
     raise OutputError(f"{out}: is not a folder to write runs into")
 
 
-def _write(folder: Path, summary: RunSummary) -> None:
+def _write(folder: Path, summary: RunSummary, config: DemoConfig) -> None:
     from akm_fg.io.posterior_json import posterior_as_line
     from akm_fg.report.write import write_report
 
@@ -165,7 +186,7 @@ def _write(folder: Path, summary: RunSummary) -> None:
             path.write_text(posterior_as_line(summary.posterior) + "\n", encoding="utf-8")
         except OSError as error:
             raise OutputError(f"{path}: cannot be written ({error.strerror})") from error
-    write_report(folder / "report.html", summary)
+    write_report(folder / "report.html", summary, config.overlay)
 
 
 def _print(summary: RunSummary, folder: Path) -> None:

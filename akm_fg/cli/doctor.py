@@ -6,6 +6,7 @@ import importlib
 import importlib.metadata
 import json as json_module
 import platform
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 
 from akm_fg.cli.exit_codes import BAD_INPUT, DONE
@@ -51,6 +52,8 @@ PACKAGES = (
     Package("matplotlib", "matplotlib", "plots in reports", False),
     Package("jinja2", "jinja2", "reports", False),
     Package("tyro", "tyro", "the command line", False),
+    Package("pydantic", "pydantic", "configuration files", False),
+    Package("tomli-w", "tomli_w", "configuration files", False),
     Package("rich", "rich", "tables in the terminal", False),
     Package("pin", "pinocchio", ARM, True),
     Package("pin-pink", "pink", ARM, True),
@@ -121,9 +124,9 @@ def arm_description() -> str:
         return f"none: {error}"
 
 
-def doctor(arguments: DoctorArguments) -> int:
-    """Run the command."""
-    findings = [examine(package) for package in PACKAGES]
+def doctor(arguments: DoctorArguments, packages: Sequence[Package] = PACKAGES) -> int:
+    """Run the command; `packages` are those to look for."""
+    findings = [examine(package) for package in packages]
     drawn_by, described_by = renderer(), arm_description()
     with json_output(arguments.json) as stream:
         if stream is not None:

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import sys
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import tyro
 
@@ -13,6 +14,10 @@ from akm_fg.cli.exit_codes import BAD_INPUT, DONE, INTERRUPTED
 from akm_fg.cli.output import json_output, write_line
 from akm_fg.errors import AkmError, InputError, NoMotionObserved, OutputError
 from akm_fg.posterior import ArticulationPosterior
+
+if TYPE_CHECKING:
+    from akm_fg.config import AkmConfig
+    from akm_fg.stages import Stages
 
 
 @dataclass(frozen=True)
@@ -36,24 +41,48 @@ class FitArguments:
     frames: int | None = None
     """Take this many frames from the beginning of each recording, as an episode did that modelled
     before it went on; all if absent."""
+    config: Path | None = None
+    """TOML file with settings that differ from the defaults, such as fit.dof = 4.0. All settings
+    of a run are written beside OUT of --json OUT, as OUT.config.toml."""
+    tracker: str | None = None
+    """Of recordings, what follows points: flow, or another file of akm_fg/backends/trackers."""
+    segmenter: str | None = None
+    """Of recordings, what finds the object: depth, or another of akm_fg/backends/segmenters."""
 
 
-def fit(arguments: FitArguments) -> int:
+Progress = Callable[[int, int, Path], None]
+"""Is told of an input before it is fitted: its number from 1, of how many, and where it is."""
+
+
+def show_progress(number: int, total: int, path: Path) -> None:
+    """In one line of the terminal that is written over."""
+    if sys.stderr.isatty() and total > 1:
+        print(f"\r\033[K{number}/{total} {path}", end="", file=sys.stderr, flush=True)
+
+
+def fit(arguments: FitArguments, progress: Progress = show_progress) -> int:
     """Run the command.
 
     Raises:
+        InputError: no inputs, or a configuration that cannot be used.
         OutputError: the JSON cannot be written.
     """
     if not arguments.inputs:
         raise InputError("fit", "no inputs", "at least one recording, .npz or pose log")
+    from akm_fg.backends.registry import stages_of
+    from akm_fg.cli.config_argument import write_beside
+
+    config = _config(arguments)
+    stages = stages_of(config)
     posteriors: list[ArticulationPosterior] = []
     code = DONE
     with json_output(arguments.json) as stream:
+        write_beside(arguments.json, config)
         try:
             for number, path in enumerate(arguments.inputs, 1):
-                _show_progress(number, len(arguments.inputs), path)
+                progress(number, len(arguments.inputs), path)
                 try:
-                    posterior = _fit_one(path, arguments)
+                    posterior = _fit_one(path, arguments, config, stages)
                 except OutputError:
                     raise
                 except AkmError as error:
@@ -75,13 +104,25 @@ def fit(arguments: FitArguments) -> int:
     return code
 
 
-def _fit_one(path: Path, arguments: FitArguments) -> ArticulationPosterior:
-    from akm_fg.estimation.config import FitConfig, GraspConfig
+def _config(arguments: FitArguments) -> AkmConfig:
+    from akm_fg.cli.config_argument import chosen_config
+    from akm_fg.config import AkmConfig
+    from akm_fg.estimation.config import GraspConfig
+
+    config = chosen_config(AkmConfig(), arguments.config, arguments.tracker, arguments.segmenter)
+    if arguments.grasp and config.fit.grasp is None:
+        config = replace(config, fit=replace(config.fit, grasp=GraspConfig()))
+    return config
+
+
+def _fit_one(
+    path: Path, arguments: FitArguments, config: AkmConfig, stages: Stages
+) -> ArticulationPosterior:
     from akm_fg.io.inputs import read_input
     from akm_fg.pipeline import fit_input
 
-    config = FitConfig(grasp=GraspConfig() if arguments.grasp else None)
-    return fit_input(read_input(path, arguments.frames), str(path), arguments.seed, config)
+    data = read_input(path, arguments.frames)
+    return fit_input(data, str(path), arguments.seed, config.fit, config.perception, stages)
 
 
 def _line(posterior: ArticulationPosterior) -> str:
@@ -106,11 +147,6 @@ def _print_table(posteriors: list[ArticulationPosterior]) -> None:
     if not console.is_terminal:
         console = Console(width=160)
     console.print(posterior_table(posteriors))
-
-
-def _show_progress(number: int, total: int, path: Path) -> None:
-    if sys.stderr.isatty() and total > 1:
-        print(f"\r\033[K{number}/{total} {path}", end="", file=sys.stderr, flush=True)
 
 
 def _show_progress_done() -> None:

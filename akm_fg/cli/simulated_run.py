@@ -5,23 +5,29 @@ from __future__ import annotations
 import dataclasses
 import sys
 import time
+from contextlib import AbstractContextManager
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 
 from akm_fg import __version__
+from akm_fg.cli.demo_config import DemoConfig
 from akm_fg.cli.object_argument import ObjectArgument
-from akm_fg.closed_loop import Episode, EpisodeConfig, Look, Task, run_episode
+from akm_fg.closed_loop import Episode, Look, Observer, Task, run_episode
+from akm_fg.config import AkmConfig
 from akm_fg.errors import GraspFailed
 from akm_fg.io.recording_writer import RecordingWriter
+from akm_fg.pipeline import fit_recording
 from akm_fg.records import JointTruth
 from akm_fg.report.summary import ArmRecord, Goal, PartTracks, RunSummary
-from sim.camera.camera import CameraConfig
+from akm_fg.stages import Stages
 from sim.episode import SimEpisode, open_world
 from sim.robot.slip import SlipGauge
 
 RECORDING = "recording"  # the folder of the recording in the folder of the run
+CONFIG = "config.toml"  # all settings, beside it
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,15 +39,17 @@ class RunRequest:
     target: dict[str, float]  # kind -> wanted state relative to the first frame, m or rad
     folder: Path  # of the run
     command: str  # that repeats it
-    config: EpisodeConfig
-    image_scale: float  # of 640 x 480 pixels
+    config: DemoConfig
+    stages: Stages
 
 
 class _Reporter:
     """Writes frames and true states as they come, and says what happens."""
 
-    def __init__(self, writer: RecordingWriter, world: SimEpisode) -> None:
-        self._writer, self._world = writer, world
+    def __init__(
+        self, writer: RecordingWriter, world: SimEpisode, observer: Observer | None
+    ) -> None:
+        self._writer, self._world, self._observer = writer, world, observer
         self._began = time.perf_counter()
         self._motion = world.arm.record()
         self._gauge: SlipGauge | None = None  # from the moment at which the hand has taken hold
@@ -49,6 +57,8 @@ class _Reporter:
 
     def looked(self, look: Look) -> None:
         """Keep the frame; the truth goes beside it, for scoring alone."""
+        if self._observer is not None:
+            self._observer.looked(look)
         self.truths.append(self._world.truth())
         if self._gauge is None and look.holding:
             self._gauge = SlipGauge(self._world.world, look.T_world_gripper)
@@ -58,6 +68,8 @@ class _Reporter:
 
     def stage(self, words: str) -> None:
         """Say what comes next, and when."""
+        if self._observer is not None:
+            self._observer.stage(words)
         start = "\r\033[K" if sys.stderr.isatty() else ""
         seconds = time.perf_counter() - self._began
         print(f"{start}{seconds:6.1f} s  {words}", file=sys.stderr, flush=True)
@@ -86,8 +98,14 @@ class _Reporter:
         return dataclasses.replace(self.truths[0], states=states)
 
 
-def run_in_simulator(request: RunRequest) -> tuple[RunSummary, bool]:
+def run_in_simulator(
+    request: RunRequest, observer: Observer | None = None
+) -> tuple[RunSummary, bool]:
     """The episode, and whether it was interrupted; what was recorded stays readable then too.
+
+    Args:
+        request: what to do.
+        observer: is told of frames and stages as they come, before a frame is written.
 
     Raises:
         GraspFailed: it ended before the first frame.
@@ -98,18 +116,20 @@ def run_in_simulator(request: RunRequest) -> tuple[RunSummary, bool]:
     episode, interrupted = Episode(), False
     thing = request.object
     name = f"{thing.title}, seed {request.seed}"
-    camera = CameraConfig().scaled(request.image_scale)
-    recording = request.folder / RECORDING
-    with (
-        open_world(thing.name, request.seed, joint=thing.joint, camera_config=camera) as world,
-        RecordingWriter(recording) as writer,
-    ):
-        reporter = _Reporter(writer, world)
+    config, recording = request.config, request.folder / RECORDING
+    model = partial(
+        fit_recording,
+        perception=config.perception,
+        fit_config=config.fit,
+        stages=request.stages,
+    )
+    with _opened(request) as world, RecordingWriter(recording) as writer:
+        reporter = _Reporter(writer, world, observer)
         # The recording's name is what `akm-fg fit` calls it, so that the posteriors are the same.
         contact = world.T_world_grasp, world.pull_direction_world
         task = Task(str(recording), *contact, request.target)
         try:
-            run_episode(world.arm, world.camera, task, episode, reporter, request.config)
+            run_episode(world.arm, world.camera, task, episode, reporter, config.episode, model)
         except KeyboardInterrupt:
             interrupted = True
             episode.failure = "interrupted"
@@ -123,6 +143,19 @@ def run_in_simulator(request: RunRequest) -> tuple[RunSummary, bool]:
             writer.set_grasp_frames(*episode.grasp_frames)
         measured = _Measured(truth, float(world.truth().states[-1]), reporter.arm())
     return _summary(request, name, episode, measured), interrupted
+
+
+def _opened(request: RunRequest) -> AbstractContextManager[SimEpisode]:
+    thing, sim = request.object, request.config.sim
+    return open_world(
+        thing.name,
+        request.seed,
+        joint=thing.joint,
+        world_config=sim.world,
+        franka_config=sim.franka,
+        camera_config=sim.camera,
+        view=sim.view,
+    )
 
 
 @dataclass(frozen=True, slots=True)
@@ -151,7 +184,9 @@ def _summary(request: RunRequest, name: str, episode: Episode, measured: _Measur
         tracks=tracks,
         posterior=None if fit is None else fit.posterior,
         truth=measured.truth,
-        goal=Goal(wanted, request.config.tolerance(kind), "m" if kind == "prismatic" else "rad"),
+        goal=Goal(
+            wanted, request.config.episode.tolerance(kind), "m" if kind == "prismatic" else "rad"
+        ),
         rounds=tuple(episode.rounds),
         final_state_true=measured.final_state - float(measured.truth.states[0]),
         arm=measured.arm,
@@ -166,4 +201,7 @@ def _replay(request: RunRequest, episode: Episode) -> str:
     states = None if episode.fit is None else episode.fit.posterior.best.states
     part = states is not None and len(states.mean) < len(episode.looks)
     frames = f" --frames {len(states.mean)}" if states is not None and part else ""
-    return f"akm-fg fit {request.folder / RECORDING}{frames} --json -"
+    config, usual = request.config, AkmConfig()
+    same = all(getattr(config, x) == getattr(usual, x) for x in ("stages", "perception", "fit"))
+    settings = "" if same else f" --config {request.folder / CONFIG}"
+    return f"akm-fg fit {request.folder / RECORDING}{frames}{settings} --json -"

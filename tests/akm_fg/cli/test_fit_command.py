@@ -8,6 +8,7 @@ import gtsam
 import numpy as np
 import pytest
 
+from akm_fg.cli.fit import FitArguments, fit
 from akm_fg.cli.main import main
 from akm_fg.io.recording import write_recording
 from akm_fg.records import PinholeCamera, Recording, RgbdFrame
@@ -215,20 +216,16 @@ def test_the_table_names_every_input(good, capfd):
     assert "good.npz" in out and "prismatic" in out
 
 
-def test_an_interruption_keeps_what_is_done(good, tmp_path, capfd, monkeypatch):
-    from akm_fg.cli import fit as command
+def test_an_interruption_keeps_what_is_done(good, tmp_path, capfd):
+    out = tmp_path / "out.jsonl"
 
-    real, calls, out = command._fit_one, [], tmp_path / "out.jsonl"
-
-    def interrupted_at_the_second(path, *settings):
-        calls.append(path)
-        if len(calls) == 2:
+    def interrupted_at_the_second(number, total, path):
+        if number == 2:
             assert len(out.read_text().splitlines()) == 1  # on disk already: a kill loses nothing
             raise KeyboardInterrupt
-        return real(path, *settings)
 
-    monkeypatch.setattr(command, "_fit_one", interrupted_at_the_second)
-    code = main(["fit", str(good), str(good), str(good), "--json", str(out)])
+    arguments = FitArguments((good, good, good), json=str(out))
+    code = fit(arguments, progress=interrupted_at_the_second)
     assert code == 130
     assert len(out.read_text().splitlines()) == 1
     assert "1 of 3 inputs done" in capfd.readouterr().err

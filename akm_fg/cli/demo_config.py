@@ -1,0 +1,43 @@
+"""The tree of settings of runs in the simulator: everybody's, and the simulator's own."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+
+from akm_fg.cli.config_argument import chosen_config
+from akm_fg.config import AkmConfig
+from sim.camera.camera import CameraConfig
+from sim.camera.views import ViewConfig
+from sim.robot.franka_config import FrankaConfig
+from sim.world import WorldConfig
+
+if TYPE_CHECKING:
+    from akm_fg.cli.demo import DemoArguments
+
+
+@dataclass(frozen=True, slots=True)
+class SimulatorConfig:
+    """World, robot and camera."""
+
+    world: WorldConfig = field(default_factory=WorldConfig)
+    franka: FrankaConfig = field(default_factory=FrankaConfig)
+    camera: CameraConfig = field(default_factory=CameraConfig)
+    view: ViewConfig = field(default_factory=ViewConfig)
+
+
+@dataclass(frozen=True, slots=True)
+class DemoConfig(AkmConfig):
+    """All settings of `akm-fg demo`."""
+
+    sim: SimulatorConfig = field(default_factory=SimulatorConfig)
+
+
+def demo_config(arguments: DemoArguments, default: DemoConfig | None = None) -> DemoConfig:
+    """What the command line says, over the defaults.
+
+    Raises:
+        InputError: a file that cannot be used.
+    """
+    default = default or DemoConfig()
+    return chosen_config(default, arguments.config, arguments.tracker, arguments.segmenter)
