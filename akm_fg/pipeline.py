@@ -63,13 +63,8 @@ def fit_recording(
     config = perception or PerceptionConfig()
     settings = ModelSettings(config, fit_config or FitConfig(), sources, states, seed)
     began = time.perf_counter()
-    observed = observe_motion(
-        recording,
-        config.observe,
-        np.random.default_rng(seed),
-        stages.segmenter,
-        None if stages.tracker is None else stages.tracker(),
-    )
+    rng = np.random.default_rng(seed)
+    observed = observe_motion(recording, config.observe, rng, stages.segmenter, stages.tracker)
     seen = time.perf_counter()
     fit = (stages.estimator or estimate_joint)(recording, observed, settings)
     return replace(fit, posterior=replace(fit.posterior, time_s=_times(began, seen)))

@@ -6,7 +6,6 @@ command line knows by name.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Literal, Protocol
 
@@ -58,6 +57,6 @@ class JointEstimator(Protocol):
 class Stages:
     """Who does what; None is the default."""
 
-    tracker: Callable[[], PointTracker] | None = None  # called once for each recording
+    tracker: PointTracker | None = None
     segmenter: ObjectSegmenter | None = None
     estimator: JointEstimator | None = None

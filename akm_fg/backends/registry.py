@@ -6,7 +6,6 @@ import importlib
 import pkgutil
 from collections.abc import Mapping
 from dataclasses import dataclass
-from functools import partial
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from akm_fg.backends import segmenters, trackers
@@ -73,13 +72,12 @@ def require_known(package: ModuleType, name: str) -> None:
 
 
 def stages_of(config: AkmConfig) -> Stages:
-    """The stages that a configuration names; a tracker is made anew for each recording.
+    """The stages that a configuration names.
 
     Raises:
         InputError: a backend that does not exist, or refuses its settings.
         MissingDependency: what it needs is not installed.
     """
-    require_known(trackers, config.stages.tracker)
     known = (*names(trackers), *names(segmenters))
     for name in config.stages.own:
         if name not in known:
@@ -87,6 +85,6 @@ def stages_of(config: AkmConfig) -> Stages:
                 f"stages.own.{name}", "there is no such backend", f"one of {', '.join(known)}"
             )
     return Stages(
-        tracker=partial(make, trackers, config.stages.tracker, config),
+        tracker=make(trackers, config.stages.tracker, config),
         segmenter=make(segmenters, config.stages.segmenter, config),
     )

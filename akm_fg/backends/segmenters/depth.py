@@ -8,6 +8,6 @@ from akm_fg.perception.depth.object_mask import DepthObjectSegmenter
 
 
 def make(settings: BackendSettings) -> ObjectSegmenter:
-    """A segmenter; tuned by `perception.observe.mask`."""
+    """The segmenter, tuned by `perception.observe.mask`."""
     observe = settings.perception.observe
     return DepthObjectSegmenter(observe.mask, observe.noise)

@@ -8,5 +8,5 @@ from akm_fg.perception.tracking.flow_tracker import FlowTracker
 
 
 def make(settings: BackendSettings) -> PointTracker:
-    """A tracker for one recording; tuned by `perception.observe.tracker`."""
+    """The tracker, tuned by `perception.observe.tracker`."""
     return FlowTracker(settings.perception.observe.tracker)

@@ -17,7 +17,8 @@ from akm_fg.config import AkmConfig, StageNames
 from akm_fg.errors import InputError
 from akm_fg.perception.depth.object_mask import DepthObjectSegmenter
 from akm_fg.perception.tracking.flow_tracker import FlowTracker
-from akm_fg.pipeline import fit_recording
+from akm_fg.pipeline import estimate_joint, fit_recording
+from akm_fg.stages import Stages
 
 TOY = """
 from dataclasses import dataclass
@@ -52,8 +53,7 @@ def test_the_defaults_are_there_and_are_what_a_fit_takes_by_itself():
     assert "flow" in names(trackers) and "depth" in names(segmenters)
     stages = stages_of(AkmConfig())
     assert isinstance(stages.segmenter, DepthObjectSegmenter)
-    assert isinstance(stages.tracker(), FlowTracker)
-    assert stages.tracker() is not stages.tracker()  # one for each recording
+    assert isinstance(stages.tracker, FlowTracker)
 
 
 def test_stages_are_tuned_by_the_tree():
@@ -65,7 +65,7 @@ def test_stages_are_tuned_by_the_tree():
         mask=replace(observe.mask, samples=77),
     )
     stages = stages_of(replace(config, perception=replace(config.perception, observe=observe)))
-    assert stages.tracker().config.max_coast == 3
+    assert stages.tracker.config.max_coast == 3
     assert stages.segmenter.config.samples == 77
 
 
@@ -91,34 +91,28 @@ def test_a_name_without_a_file_is_told_with_the_names_that_there_are(toys):
         stages_of(with_own(flaw={"x": 1}))
 
 
-class CountedSegmenter:
-    """The default one, which counts how often it is asked."""
+class Counted:
+    """One of the default stages, which counts how often it is asked."""
 
-    def __init__(self) -> None:
-        self.asked, self._real = 0, DepthObjectSegmenter()
+    def __init__(self, real: object) -> None:
+        self.asked, self._real = 0, real
 
-    def segment(self, frame):
+    def __getattr__(self, name: str):
         self.asked += 1
-        return self._real.segment(frame)
+        return getattr(self._real, name)
 
 
 def test_a_fit_takes_the_stages_that_it_is_given(door):
     given = replace(door.recording, object_masks=None)
-    segmenter, made, seen = CountedSegmenter(), [], []
-
-    def tracker() -> FlowTracker:
-        made.append(FlowTracker())
-        return made[-1]
+    segmenter, tracker, seen = Counted(DepthObjectSegmenter()), Counted(FlowTracker()), []
 
     def estimator(recording, observed, settings):
-        from akm_fg.pipeline import estimate_joint
-
         seen.append((recording.name, observed.segmentation.moving.sum(), settings))
         return estimate_joint(recording, observed, settings)
 
-    stages = registry.Stages(tracker, segmenter, estimator)
+    stages = Stages(tracker, segmenter, estimator)
     found = fit_recording(given, seed=3, sources="tracks", stages=stages)
-    assert segmenter.asked > 0 and len(made) == 1
+    assert segmenter.asked > 0 and tracker.asked > 0
     ((name, moving, settings),) = seen
     assert name == given.name and moving > 0
     assert (settings.seed, settings.sources) == (3, "tracks")
