@@ -12,19 +12,11 @@ from scipy import stats
 
 from akm_fg.calibration.graph import GraphFit
 from akm_fg.calibration.initial import Start, reported_mount_holder
-from akm_fg.calibration.records import CalibrationConfig, CalibrationViews
+from akm_fg.calibration.records import CalibrationConfig, CalibrationViews, CheckConfig
 from akm_fg.errors import AxisUnobservable, InputError
 from akm_fg.records import FloatArray
 
 LEAST_VIEWS = 3  # two motions; OpenCV's hand-eye methods need as many
-# Root mean square turn of the poses about the axis they turn about least.
-LEAST_TURN_RAD = np.deg2rad(1.0)  # twenty times what an arm repeats to
-WEAK_TURN_RAD = np.deg2rad(8.0)
-SQUARE_TOLERANCE = 0.03  # relative; far above what board poses err by, below any misreading
-SQUARE_SDS = 5.0  # and that many standard deviations: few or noisy views say little of it
-WEAK_CAM_M = 2e-3  # standard deviations above which the camera's pose is called weak
-WEAK_CAM_RAD = np.deg2rad(0.2)
-MISFIT_CHANCE = 1e-3  # of calling a sound arm worse than stated
 
 
 def camera_name(config: CalibrationConfig) -> str:
@@ -57,7 +49,7 @@ def require_turns(data: CalibrationViews, config: CalibrationConfig) -> tuple[st
     # A turn by a small angle moves R a by that angle in the two directions across its axis.
     spread = np.sqrt(np.maximum(square, 0.0))
     name, advice = camera_name(config), "expected gripper poses that turn by 20 deg or more about "
-    if spread[2] < LEAST_TURN_RAD:
+    if spread[2] < config.checks.least_turn_rad:
         raise AxisUnobservable(
             f"{data.name}: the translation of {name} is open in every direction: the gripper "
             f"never turns (by {np.rad2deg(spread[2]):.2f} deg); {advice}two axes"
@@ -66,12 +58,12 @@ def require_turns(data: CalibrationViews, config: CalibrationConfig) -> tuple[st
     along = along / np.linalg.norm(along) * np.sign(along[np.abs(along).argmax()])
     way = _direction(along)
     frame = name.split("_")[1]
-    if spread[0] < LEAST_TURN_RAD:
+    if spread[0] < config.checks.least_turn_rad:
         raise AxisUnobservable(
             f"{data.name}: the translation of {name} along {way} in {frame} axes is open: every "
             f"pose of the gripper turns about that axis alone; {advice}a second axis"
         )
-    if spread[0] < WEAK_TURN_RAD:
+    if spread[0] < config.checks.weak_turn_rad:
         return (
             f"the gripper turns almost about {way} in {frame} axes alone: {name} is weakest "
             "along it",
@@ -96,7 +88,8 @@ def require_square(data: CalibrationViews, config: CalibrationConfig, start: Sta
         rows.append(np.column_stack([T_cam_board.translation(), -turned, -np.eye(3)]))
         right.append(R_cam_mount @ T.translation())
     scale, sd = _first_of_solution(np.vstack(rows), np.concatenate(right))
-    if abs(scale - 1.0) > max(SQUARE_TOLERANCE, SQUARE_SDS * sd):
+    checks = config.checks
+    if abs(scale - 1.0) > max(checks.square_tolerance, checks.square_sds * sd):
         said, found = 1e3 * data.board.square_m, 1e3 * scale * data.board.square_m
         raise InputError(
             data.name,
@@ -125,7 +118,7 @@ def doubts(data: CalibrationViews, config: CalibrationConfig, fit: GraphFit) -> 
             ", ..." if len(data.skipped) > 10 else ""
         )
         found.append(f"frames without the board, left out: {frames}")
-    if fit.robot_misfit > stats.chi2.ppf(1.0 - MISFIT_CHANCE, fit.robot_misfit_dof):
+    if fit.robot_misfit > stats.chi2.ppf(1.0 - config.checks.misfit_chance, fit.robot_misfit_dof):
         worse = float(np.sqrt(fit.robot_misfit / fit.robot_misfit_dof))
         found.append(
             f"robot and images disagree {worse:.1f} times more than the arm's stated "
@@ -133,15 +126,15 @@ def doubts(data: CalibrationViews, config: CalibrationConfig, fit: GraphFit) -> 
             "allow: the covariances are too small; state what the arm really repeats to, or "
             "estimate the distortion"
         )
-    found += _weak_camera(camera_name(config), fit.cam_cov)
+    found += _weak_camera(camera_name(config), fit.cam_cov, config.checks)
     return tuple(found)
 
 
-def _weak_camera(name: str, cov: FloatArray) -> list[str]:
+def _weak_camera(name: str, cov: FloatArray, checks: CheckConfig) -> list[str]:
     found = []
     for part, block, limit, factor, unit in (
-        ("rotation", cov[:3, :3], WEAK_CAM_RAD, 180.0 / np.pi, "deg"),
-        ("translation", cov[3:, 3:], WEAK_CAM_M, 1e3, "mm"),
+        ("rotation", cov[:3, :3], checks.weak_cam_rad, 180.0 / np.pi, "deg"),
+        ("translation", cov[3:, 3:], checks.weak_cam_m, 1e3, "mm"),
     ):
         variances, directions = np.linalg.eigh(block)
         sd = float(np.sqrt(variances[-1]))

@@ -9,7 +9,7 @@ the board.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Literal
 
 import gtsam
@@ -82,6 +82,22 @@ class CalibrationViews:
 
 
 @dataclass(frozen=True, slots=True)
+class CheckConfig:
+    """From where on views do not suffice, and results are doubted."""
+
+    # Root mean square turn of the poses about the axis they turn about least.
+    least_turn_rad: float = np.deg2rad(1.0)  # twenty times what an arm repeats to
+    weak_turn_rad: float = np.deg2rad(8.0)
+    # Relative; far above what board poses err by, below any misreading of the squares' size.
+    square_tolerance: float = 0.03
+    square_sds: float = 5.0  # and that many standard deviations: few views say little of it
+    weak_cam_m: float = 2e-3  # standard deviations above which the camera's pose is called weak
+    weak_cam_rad: float = np.deg2rad(0.2)
+    misfit_chance: float = 1e-3  # of calling a sound arm worse than stated
+    written_distortion_px: float = 0.5  # that a camera written into a recording may have had
+
+
+@dataclass(frozen=True, slots=True)
 class CalibrationConfig:
     """What is estimated, and what is known beforehand."""
 
@@ -92,6 +108,7 @@ class CalibrationConfig:
     robot_sd_rad: float = np.deg2rad(0.05)
     dof: float = 6.0  # of the corners' Student-t noise, as of all observations here
     corner_scale_px: float | None = None  # of that noise; None: estimated from the residuals
+    checks: CheckConfig = field(default_factory=CheckConfig)
 
     def __post_init__(self) -> None:
         for name in ("robot_sd_m", "robot_sd_rad", "dof"):

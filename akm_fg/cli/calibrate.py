@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import sys
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import numpy as np
 import tyro
@@ -15,9 +15,13 @@ from akm_fg.cli.output import json_output, write_line
 from akm_fg.errors import InputError
 
 if TYPE_CHECKING:
-    from akm_fg.calibration.records import BoardSpec, CalibrationViews, HandEyeCalibration
-
-_LARGEST_DISTORTION_PX = 0.5  # that a camera written into a recording may have had
+    from akm_fg.calibration.records import (
+        BoardSpec,
+        CalibrationConfig,
+        CalibrationViews,
+        HandEyeCalibration,
+    )
+    from akm_fg.config import AkmConfig
 
 
 @dataclass(frozen=True)
@@ -34,16 +38,20 @@ class CalibrateArguments:
     """Recording with images of the board and one gripper pose an image."""
     board: Path | None = None
     """Description of the board; FOLDER/board.json where none is given."""
-    camera_place: Literal["fixed", "gripper"] = "fixed"
-    """fixed: the gripper holds the board; gripper: it carries the camera, the board stands."""
+    camera_place: Literal["fixed", "gripper"] | None = None
+    """fixed: the gripper holds the board; gripper: it carries the camera, the board stands. Fixed
+    if absent."""
     fixed_intrinsics: bool = False
     """Keep the camera of recording.json as it is, without distortion."""
     no_distortion: bool = False
     """Estimate a camera without distortion (rectified images, as recordings have them)."""
-    robot_mm: float = 0.1
-    """Standard deviation of the robot's reported positions, each axis."""
-    robot_deg: float = 0.05
-    """Standard deviation of the robot's reported rotations, each axis."""
+    robot_mm: float | None = None
+    """Standard deviation of the robot's reported positions, each axis; 0.1 if absent."""
+    robot_deg: float | None = None
+    """Standard deviation of the robot's reported rotations, each axis; 0.05 if absent."""
+    config: Path | None = None
+    """TOML file with settings that differ from the defaults, such as calibration.dof = 4.0; other
+    options go before it. All settings are written beside OUT of --json OUT, as OUT.config.toml."""
     json: str | None = None
     """Write the calibration as one JSON object to this file; - is standard output (no table)."""
     picture: Path | None = None
@@ -75,13 +83,17 @@ def calibrate(arguments: CalibrateArguments) -> int:
     folder = arguments.folder
     if folder is None:
         raise InputError("calibrate", "no recording", "a folder, or --simulate OUT to make one")
-    if arguments.write is not None and arguments.camera_place != "fixed":
+    config = _config(arguments)
+    if arguments.write is not None and config.calibration.camera_place != "fixed":
         raise InputError("--write", "of a camera in the gripper", "--camera-place fixed")
+    from akm_fg.calibration.calibrate import calibrate as calibrate_views
     from akm_fg.calibration.result_json import calibration_as_line
+    from akm_fg.cli.config_argument import write_beside
 
     with json_output(arguments.json) as stream:
         data = _read(folder, arguments.board)
-        result = _calibrate(data, arguments)
+        result = calibrate_views(data, config.calibration)
+        write_beside(arguments.json, config)
         if stream is not None:
             write_line(stream, calibration_as_line(result))
     if arguments.picture is not None:
@@ -89,7 +101,7 @@ def calibrate(arguments: CalibrateArguments) -> int:
 
         write_picture(arguments.picture, result, folder)
     if arguments.write is not None:
-        _write(arguments.write, data, result, arguments)
+        _write(arguments.write, data, result, config.calibration)
     for warning in result.warnings:
         print(f"akm-fg: {warning}", file=sys.stderr)
     if arguments.json != "-":
@@ -116,43 +128,48 @@ def _read(folder: Path, board_path: Path | None) -> CalibrationViews:
     return read_calibration_views(folder, board)
 
 
-def _calibrate(
-    data: CalibrationViews, arguments: CalibrateArguments, distortion: bool = True
-) -> HandEyeCalibration:
-    from akm_fg.calibration.calibrate import calibrate as calibrate_views
-    from akm_fg.calibration.records import CalibrationConfig
+def _config(arguments: CalibrateArguments) -> AkmConfig:
+    """What the options say over what the file says."""
+    from akm_fg.cli.config_argument import chosen_config
+    from akm_fg.config import AkmConfig
 
+    config = chosen_config(AkmConfig(), arguments.config)
+    given: dict[str, Any] = {}
+    if arguments.camera_place is not None:
+        given["camera_place"] = arguments.camera_place
+    if arguments.fixed_intrinsics:
+        given["fixed_intrinsics"] = True
+    if arguments.no_distortion:
+        given["distortion"] = False
+    if arguments.robot_mm is not None:
+        given["robot_sd_m"] = 1e-3 * arguments.robot_mm
+    if arguments.robot_deg is not None:
+        given["robot_sd_rad"] = float(np.deg2rad(arguments.robot_deg))
     try:
-        config = CalibrationConfig(
-            camera_place=arguments.camera_place,
-            fixed_intrinsics=arguments.fixed_intrinsics,
-            distortion=distortion and not arguments.no_distortion,
-            robot_sd_m=1e-3 * arguments.robot_mm,
-            robot_sd_rad=float(np.deg2rad(arguments.robot_deg)),
-        )
+        return replace(config, calibration=replace(config.calibration, **given))
     except ValueError as error:
         raise InputError("--robot-mm, --robot-deg", str(error), "both above 0") from error
-    return calibrate_views(data, config)
 
 
 def _write(
     recording: Path,
     data: CalibrationViews,
     result: HandEyeCalibration,
-    arguments: CalibrateArguments,
+    config: CalibrationConfig,
 ) -> None:
     """A recording has no distortion: what is written is fitted without."""
+    from akm_fg.calibration.calibrate import calibrate as calibrate_views
     from akm_fg.calibration.result_json import largest_distortion_px, write_into_recording
 
     bent_px = largest_distortion_px(result)
-    if bent_px > _LARGEST_DISTORTION_PX:
+    if bent_px > config.checks.written_distortion_px:
         raise InputError(
             recording,
             f"the camera's distortion moves pixels by up to {bent_px:.1f}",
             "images that are rectified first: a recording holds no distortion",
         )
     if result.distortion.any():
-        result = _calibrate(data, arguments, distortion=False)
+        result = calibrate_views(data, replace(config, distortion=False))
     write_into_recording(recording, result)
 
 

@@ -17,7 +17,6 @@ Image = NDArray[np.uint8]
 Colour = tuple[int, int, int]
 
 _SUBPIXEL_BITS = 4  # of OpenCV's fixed-point coordinates
-_DASH_PX = 12.0  # of the enlarged image
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,6 +34,10 @@ class OverlayConfig:
     reach_m: float = 0.5  # of a hinge axis to either side of the pivot
     arrow_m: float = 0.25  # of a sliding direction
     min_width_px: int = 960  # smaller frames are enlarged by whole factors for fine lines
+    dash_px: float = 12.0  # of the true axis, in the enlarged image
+    thin_band_px: float = 4.0  # half width there below which the line hides its band
+    visible_band_px: float = 12.0  # half width to which a thinner one is magnified
+    jpeg_quality: int = 85
 
 
 @dataclass(frozen=True, slots=True)
@@ -244,7 +247,7 @@ def _draw_truth(
     if len(line) < 2:
         return
     length_px = float(np.linalg.norm(line[-1] - line[0])) * canvas.scale
-    n = max(2, 2 * round(length_px / (2 * _DASH_PX)))
+    n = max(2, 2 * round(length_px / (2 * config.dash_px)))
     line = np.linspace(line[0], line[-1], n)
     for i in range(0, len(line) - 1, 2):
         canvas.lines(line[i : i + 2], config.outline, 3)

@@ -13,9 +13,6 @@ from akm_fg.report.overlay import Image, OverlayConfig, draw_frame, enlargement,
 from akm_fg.report.summary import RunSummary
 from akm_fg.report.wording import size, state
 
-_JPEG_QUALITY = 85
-_THIN_BAND_PX = 4.0  # half width in the enlarged picture below which the line hides its band
-_VISIBLE_BAND_PX = 12.0  # half width to which a thinner one is magnified
 _MAGNIFICATIONS = (5, 10, 20, 50, 100, 200, 500, 1000, 2000, 5000)
 
 
@@ -60,7 +57,7 @@ def _picture(summary: RunSummary, index: int, config: OverlayConfig) -> Picture:
     if summary.tracks is None or index >= len(summary.tracks.pixels.visible):
         words.append("points were not tracked here")
     height, width = image.shape[:2]
-    return Picture(_jpeg(image), ", ".join(words) + ".", width, height)
+    return Picture(_jpeg(image, config.jpeg_quality), ", ".join(words) + ".", width, height)
 
 
 def _state_at(summary: RunSummary, index: int) -> float:
@@ -78,10 +75,11 @@ def _phase(summary: RunSummary, index: int) -> str:
 
 def band_magnification(summary: RunSummary, config: OverlayConfig | None = None) -> int:
     """How many times as wide as it is the axis' 95 % region is drawn; 1 where it can be seen."""
-    half = _half_width_px(summary, config or OverlayConfig())
-    if half is None or half == 0 or half >= _THIN_BAND_PX:
+    config = config or OverlayConfig()
+    half = _half_width_px(summary, config)
+    if half is None or half == 0 or half >= config.thin_band_px:
         return 1
-    wanted = _VISIBLE_BAND_PX / half
+    wanted = config.visible_band_px / half
     return next((m for m in _MAGNIFICATIONS if m >= wanted), _MAGNIFICATIONS[-1])
 
 
@@ -136,10 +134,10 @@ def _half_width_px(summary: RunSummary, config: OverlayConfig) -> float | None:
     return float(half.max()) * shape * enlargement(frame.camera.width, config)
 
 
-def _jpeg(image: Image) -> bytes:
+def _jpeg(image: Image, quality: int) -> bytes:
     """Encoded at full colour resolution, so that thin lines keep their colour."""
     settings = [
-        cv2.IMWRITE_JPEG_QUALITY, _JPEG_QUALITY,
+        cv2.IMWRITE_JPEG_QUALITY, quality,
         cv2.IMWRITE_JPEG_SAMPLING_FACTOR, cv2.IMWRITE_JPEG_SAMPLING_FACTOR_444,
     ]  # fmt: skip
     done, data = cv2.imencode(".jpg", cv2.cvtColor(image, cv2.COLOR_RGB2BGR), settings)

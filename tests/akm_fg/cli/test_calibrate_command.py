@@ -2,6 +2,7 @@
 
 import json
 import shutil
+from pathlib import Path
 
 import cv2
 import gtsam
@@ -14,6 +15,8 @@ from akm_fg.calibration.calibrate import calibrate
 from akm_fg.calibration.read import read_calibration_views
 from akm_fg.cli.board_recording import write_simulated_board
 from akm_fg.cli.main import main
+from akm_fg.config import AkmConfig
+from akm_fg.io.config_file import read_config
 
 pytest.importorskip("pybullet")
 from sim.camera.charuco_board import PoseConfig
@@ -159,6 +162,23 @@ def test_bad_arguments_get_one_line(arguments, message, capfd, tmp_path, monkeyp
 def test_options_that_make_no_sense_get_one_line(recording, capfd):
     assert main(["calibrate", str(recording), "--robot-mm", "0"]) == 2
     assert "robot_sd_m is 0" in _complaint(capfd)
+
+
+def test_settings_come_from_a_file_and_options_go_before_it(recording, tmp_path, capfd):
+    mine, out = tmp_path / "mine.toml", tmp_path / "out.json"
+    mine.write_text("calibration.robot_sd_m = 5e-4\ncalibration.checks.weak_cam_m = 1e-9\n")
+    assert main(["calibrate", str(recording), "--config", str(mine), "--json", str(out)]) == 0
+    tuned, written = json.loads(out.read_text()), Path(f"{out}.config.toml")
+    assert any("translation" in warning for warning in tuned["warnings"])
+    again = tmp_path / "again.json"
+    command = ["calibrate", str(recording), "--config", str(written), "--json", str(again)]
+    assert main(command) == 0
+    # Not the last digits: the order in which threads add up is not the same every time.
+    cov = json.loads(again.read_text())["T_world_cam_cov"]
+    np.testing.assert_allclose(cov, tuned["T_world_cam_cov"], rtol=1e-6, atol=1e-18)
+    assert main([*command, "--robot-mm", "0.1"]) == 0
+    kept = read_config(Path(f"{again}.config.toml"), AkmConfig()).calibration
+    assert kept.robot_sd_m == 1e-4 and kept.checks.weak_cam_m == 1e-9
 
 
 @pytest.mark.slow
