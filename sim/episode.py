@@ -10,6 +10,7 @@ import gtsam
 
 from akm_fg.records import FloatArray, JointTruth
 from sim.camera.camera import CameraConfig, SimCamera
+from sim.camera.mirror import Scene
 from sim.camera.noise import NOISE_LEVELS
 from sim.camera.views import ViewConfig, camera_pose
 from sim.objects.imported.imported_spec import ImportOptions
@@ -45,6 +46,7 @@ def open_world(
     franka_config: FrankaConfig | None = None,
     camera_config: CameraConfig | None = None,
     view: ViewConfig | None = None,
+    scene: Scene | None = None,
 ) -> Iterator[SimEpisode]:
     """Opens the simulated world of one object and closes it again.
 
@@ -59,6 +61,7 @@ def open_world(
         franka_config: arm and gripper.
         camera_config: image size, rendering and noise.
         view: where the camera stands.
+        scene: draws the pictures; found by trial if absent (`sim.camera.rendering`).
 
     Raises:
         ValueError: no such object or noise level.
@@ -73,7 +76,7 @@ def open_world(
     with SimWorld(object_name, seed, world_config, joint=joint, options=import_options) as world:
         arm = SimFranka(world, franka_config)
         T_world_cam = camera_pose(world, view or ViewConfig())
-        camera = SimCamera(world, T_world_cam, seed, config)
+        camera = SimCamera(world, T_world_cam, seed, config, scene)
         grasp = world.placement.T_world_grasp
         outwards = -world.placement.T_world_object.rotation().matrix()[:, 1]  # y is into it
         try:

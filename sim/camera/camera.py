@@ -16,7 +16,7 @@ from akm_fg.arm.description import ArmDescription
 from akm_fg.records import RgbdFrame
 from sim.bullet import connect, load_urdf, p
 from sim.camera.materials import MATT, specular_of
-from sim.camera.mirror import Shape, bodies_of, poses_of, shapes_of
+from sim.camera.mirror import Scene, Shape, bodies_of, poses_of, shapes_of
 from sim.camera.noise import NOISE_LEVELS, NoiseConfig, Surface
 from sim.camera.pictures import (
     NEAR_M,
@@ -29,7 +29,7 @@ from sim.camera.pictures import (
     take,
     view_matrix,
 )
-from sim.camera.rendering import Wanted, choose_renderer, open_scene
+from sim.camera.rendering import Choice, Wanted, choose_renderer, open_scene
 from sim.camera.sensor import NoisySensor
 from sim.world import SimWorld
 
@@ -101,8 +101,16 @@ class SimCamera:
         T_world_cam: gtsam.Pose3,
         seed: int,
         config: CameraConfig | None = None,
+        scene: Scene | None = None,
     ) -> None:
         """Opens the renderer and draws what stands still.
+
+        Args:
+            world: what is seen.
+            T_world_cam: from where; fixed.
+            seed: of the noise.
+            config: image size, noise and the renderer, which is chosen by trial by default.
+            scene: draws, instead of the configuration's renderer; is closed with the camera.
 
         Raises:
             RendererFailed: the renderer that was asked for does not work here.
@@ -110,7 +118,10 @@ class SimCamera:
         self.config = config or CameraConfig()
         self.T_world_cam = T_world_cam
         c = self.config
-        self.renderer = choose_renderer(c.renderer, (c.width, c.height))
+        if scene is None:
+            self.renderer = choose_renderer(c.renderer, (c.width, c.height))
+        else:
+            self.renderer = Choice(scene.renderer, "handed in")
         name = self.renderer.name
         self.intrinsics = rendered_intrinsics(c.width, c.height, c.focal_px, name)
         self._world = world
@@ -118,7 +129,7 @@ class SimCamera:
         self._robot_client = connect()
         self._robot = _load_robot_outline(self._robot_client, world.arm_description)
         self._shot = c.shot(T_world_cam, name)
-        self._scene = open_scene(self.renderer)
+        self._scene = scene or open_scene(self.renderer)
         self._still = self._draw_still()
         self._bodies: tuple[int, ...] = ()
         self._shapes: list[Shape] = []

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import functools
 import os
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal, cast, get_args
@@ -60,36 +61,6 @@ class Trial:
         return self.problem is None and not any(name in named for name in SOFTWARE)
 
 
-def choose_renderer(wanted: Wanted = "auto", size: tuple[int, int] = (640, 480)) -> Choice:
-    """The renderer to draw with: `wanted`, else the environment's, else what suits the machine.
-
-    Args:
-        wanted: a renderer, or `auto`.
-        size: of the pictures, (width, height).
-
-    Raises:
-        ValueError: the environment names no renderer.
-        RendererFailed: EGL was asked for and does not work here, or not at this size.
-    """
-    name, by = (wanted, "asked for") if wanted != "auto" else _of_environment()
-    too_large = size[0] > EGL_MOST[0] or size[1] > EGL_MOST[1]
-    if name == "tiny":
-        return Choice("tiny", by)
-    if name == "egl":
-        problem = f"{size[0]} x {size[1]} is more than it draws" if too_large else try_egl().problem
-        if problem is not None:
-            raise RendererFailed(f"EGL ({by}) does not work here: {problem}")
-        return Choice("egl", f"{by}, {try_egl().device}")
-    if too_large:
-        return Choice("tiny", "EGL draws smaller pictures alone")
-    if not has_card():
-        return Choice("tiny", "no graphics card")
-    trial = try_egl()
-    if trial.on_card:
-        return Choice("egl", trial.device)
-    return Choice("tiny", trial.problem or f"EGL is drawn in software ({trial.device})")
-
-
 def open_scene(choice: Choice) -> Scene:
     """A scene drawn by the chosen renderer.
 
@@ -122,8 +93,61 @@ def try_egl() -> Trial:
     return Trial(scene.device, None)
 
 
-def plane_error_m(scene: Scene, size: tuple[int, int] = (160, 120)) -> float:
-    """How far the pixels of a plane, seen askew, project back from it at the most; NaN if none."""
+@dataclass(frozen=True, slots=True)
+class Machine:
+    """What is found out of a machine before its renderer is chosen; both are asked when needed."""
+
+    has_card: Callable[[], bool] = has_card
+    try_egl: Callable[[], Trial] = try_egl
+
+
+def choose_renderer(
+    wanted: Wanted = "auto",
+    size: tuple[int, int] = (640, 480),
+    machine: Machine | None = None,
+) -> Choice:
+    """The renderer to draw with: `wanted`, else the environment's, else what suits the machine.
+
+    Args:
+        wanted: a renderer, or `auto`.
+        size: of the pictures, (width, height).
+        machine: to draw on; this one, found out by trial once a process, if absent.
+
+    Raises:
+        ValueError: the environment names no renderer.
+        RendererFailed: EGL was asked for and does not work here, or not at this size.
+    """
+    machine = machine or Machine()
+    name, by = (wanted, "asked for") if wanted != "auto" else _of_environment()
+    too_large = size[0] > EGL_MOST[0] or size[1] > EGL_MOST[1]
+    if name == "tiny":
+        return Choice("tiny", by)
+    if name == "egl":
+        too_much = f"{size[0]} x {size[1]} is more than it draws"
+        problem = too_much if too_large else machine.try_egl().problem
+        if problem is not None:
+            raise RendererFailed(f"EGL ({by}) does not work here: {problem}")
+        return Choice("egl", f"{by}, {machine.try_egl().device}")
+    if too_large:
+        return Choice("tiny", "EGL draws smaller pictures alone")
+    if not machine.has_card():
+        return Choice("tiny", "no graphics card")
+    trial = machine.try_egl()
+    if trial.on_card:
+        return Choice("egl", trial.device)
+    return Choice("tiny", trial.problem or f"EGL is drawn in software ({trial.device})")
+
+
+def plane_error_m(
+    scene: Scene, size: tuple[int, int] = (160, 120), convention: Renderer | None = None
+) -> float:
+    """How far the pixels of a plane, seen askew, project back from it at the most; NaN if none.
+
+    Args:
+        scene: draws the plane.
+        size: of the picture, (width, height).
+        convention: of which renderer pixels are taken to be; of the scene's own if absent.
+    """
     axes = np.column_stack([[0.0, -1.0, 0.0], [0.0, 0.0, -1.0], [1.0, 0.0, 0.0]])
     askew = gtsam.Rot3.RzRyRx(0.1, 0.25, -0.4)
     T_world_cam = gtsam.Pose3(askew * gtsam.Rot3(axes), np.array([0.0, 0.3, 0.2]))
@@ -134,7 +158,7 @@ def plane_error_m(scene: Scene, size: tuple[int, int] = (160, 120)) -> float:
     half_m = 0.05
     scene.show([Shape(0, -1, p.GEOM_BOX, (2.0 * half_m, 10.0, 10.0), "", at_rest, (1.0,) * 4)])
     depth = scene.draw([((PLANE_M + half_m, 0.0, 0.0), at_rest[1])], shot).depth_m
-    camera = rendered_intrinsics(*size, focal_px, scene.renderer)
+    camera = rendered_intrinsics(*size, focal_px, convention or scene.renderer)
     return float(np.abs(height_above_plane(depth, camera, T_world_cam, 0, PLANE_M)).max())
 
 

@@ -11,8 +11,9 @@ from __future__ import annotations
 import argparse
 import logging
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
+from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from multiprocessing import get_context
 from pathlib import Path
@@ -71,11 +72,22 @@ def label_of(spec: FurnitureSpec) -> str:
     return f"{spec.name.split('/')[-1]} {spec.family}{how}, {spec.handle.style}"
 
 
-def take_cell(spec: FurnitureSpec, seed: int, config: SheetConfig) -> Cell:
+World = Callable[[str, int, CameraConfig], AbstractContextManager[SimEpisode]]
+"""Opens the world of an object (its name, a seed) with a camera."""
+
+
+def clean_world(name: str, seed: int, camera: CameraConfig) -> AbstractContextManager[SimEpisode]:
+    """As `open_world`, seen by a camera without noise."""
+    return open_world(name, seed, "clean", camera_config=camera)
+
+
+def take_cell(
+    spec: FurnitureSpec, seed: int, config: SheetConfig, world: World = clean_world
+) -> Cell:
     """Builds the object and takes its two pictures; an object that fails says so in its cell."""
     try:
         camera = CameraConfig().scaled(FINE * config.width / CameraConfig().width)
-        with open_world(spec.name, seed, "clean", camera_config=camera) as episode:
+        with world(spec.name, seed, camera) as episode:
             closed, opened = _closed_and_open(episode)
     except (AkmError, ValueError) as error:
         LOG.warning("%s is left out: %s", spec.name, error)
@@ -122,10 +134,14 @@ def lay_out(cells: Sequence[Cell], config: SheetConfig) -> Rgb:
 
 
 def make_cells(
-    specs: Sequence[FurnitureSpec], seed: int, config: SheetConfig, processes: int
+    specs: Sequence[FurnitureSpec],
+    seed: int,
+    config: SheetConfig,
+    processes: int,
+    world: World = clean_world,
 ) -> Iterator[Cell]:
     """The cells of the objects in their order, as they are done."""
-    jobs = (specs, [seed] * len(specs), [config] * len(specs))
+    jobs = (specs, [seed] * len(specs), [config] * len(specs), [world] * len(specs))
     if processes == 1:
         yield from map(take_cell, *jobs)
         return
@@ -149,8 +165,13 @@ def write_sheet(path: Path, page: Rgb, config: SheetConfig) -> None:
         raise OutputError(f"{path}: cannot be written")
 
 
-def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the command; 1 if an object had to be left out, 2 if nothing could be done."""
+def main(arguments: Sequence[str] | None = None, world: World = clean_world) -> int:
+    """Run the command; 1 if an object had to be left out, 2 if nothing could be done.
+
+    Args:
+        arguments: of the command line.
+        world: opens the worlds that are shown.
+    """
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
@@ -165,7 +186,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     config = SheetConfig(columns=given.columns)
     specs = list(find_suite(given.suite))
     console = Console(file=sys.stderr)
-    cells = make_cells(specs, given.seed, config, given.processes)
+    cells = make_cells(specs, given.seed, config, given.processes, world)
     shown = list(track(cells, given.suite, len(specs), console=console))
     try:
         write_sheet(given.out, lay_out(shown, config), config)

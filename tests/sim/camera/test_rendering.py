@@ -5,14 +5,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from sim.camera import rendering
 from sim.camera.camera import CameraConfig
 from sim.camera.egl_process import EglScene, RendererFailed
 from sim.camera.mirror import LocalScene
-from sim.camera.pictures import SAMPLED_AT
 from sim.camera.rendering import (
     ENVIRONMENT,
     EXACT_M,
+    Machine,
     Trial,
     choose_renderer,
     has_card,
@@ -51,14 +50,10 @@ def test_a_plane_drawn_by_egl_projects_back_within_a_tenth_of_a_millimetre(egl: 
     assert plane_error_m(egl, (1024, 768)) < EXACT_M
 
 
-def test_the_other_renderers_pixel_convention_would_be_wrong(
-    egl: EglScene, monkeypatch: pytest.MonkeyPatch
-):
+def test_the_other_renderers_pixel_convention_would_be_wrong(egl: EglScene):
     tiny = LocalScene()
-    monkeypatch.setitem(SAMPLED_AT, "tiny", (0.5, 0.5))
-    monkeypatch.setitem(SAMPLED_AT, "egl", (0.0, 1.0))
-    assert plane_error_m(tiny, (640, 480)) > 3.0 * EXACT_M
-    assert plane_error_m(egl, (640, 480)) > 3.0 * EXACT_M
+    assert plane_error_m(tiny, (640, 480), "egl") > 3.0 * EXACT_M
+    assert plane_error_m(egl, (640, 480), "tiny") > 3.0 * EXACT_M
     tiny.close()
 
 
@@ -82,50 +77,53 @@ def test_both_renderers_show_the_same_world(egl: EglScene):
     assert np.median(np.abs(seen[0][0] - seen[1][0])) < 12.0  # light and shadows differ a little
 
 
-def test_without_a_card_tiny_draws(no_wish: None, monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.setattr(rendering, "has_card", lambda: False)
-    assert choose_renderer().name == "tiny"
+WORKS = Trial("NVIDIA RTX A2000", None)
 
 
-def test_egl_draws_where_a_card_is_and_its_trial_comes_out_right(
-    no_wish: None, monkeypatch: pytest.MonkeyPatch
-):
-    monkeypatch.setattr(rendering, "has_card", lambda: True)
+def machine(trial: Trial = WORKS, card: bool = True) -> Machine:
+    """One of which that is found out."""
+    return Machine(lambda: card, lambda: trial)
+
+
+def test_without_a_card_tiny_draws(no_wish: None):
+    assert choose_renderer(machine=machine(card=False)).name == "tiny"
+
+
+def test_egl_draws_where_a_card_is_and_its_trial_comes_out_right(no_wish: None):
     for trial, name in (
-        (Trial("NVIDIA RTX A2000", None), "egl"),
+        (WORKS, "egl"),
         (Trial("llvmpipe (LLVM 15)", None), "tiny"),  # software: slower than TinyRenderer
         (Trial("NVIDIA RTX A2000", "a plane comes out wrong by 3 mm"), "tiny"),
         (Trial("", "the EGL renderer ended with code -11"), "tiny"),
     ):
-        monkeypatch.setattr(rendering, "try_egl", lambda trial=trial: trial)
-        choice = choose_renderer()
+        choice = choose_renderer(machine=machine(trial))
         assert choice.name == name
         assert (trial.problem or trial.device) in choice.reason
-    monkeypatch.setattr(rendering, "try_egl", lambda: Trial("NVIDIA RTX A2000", None))
-    assert choose_renderer("auto", (1920, 1440)).name == "tiny"  # more than the plugin draws
+    large = (1920, 1440)  # more than the plugin draws
+    assert choose_renderer("auto", large, machine()).name == "tiny"
 
 
 def test_the_environment_and_the_configuration_may_force_a_renderer(
     monkeypatch: pytest.MonkeyPatch,
 ):
-    monkeypatch.setattr(rendering, "try_egl", lambda: Trial("NVIDIA RTX A2000", None))
+    here = machine()
     monkeypatch.setenv(ENVIRONMENT, "egl")
-    assert choose_renderer().name == "egl"
-    assert choose_renderer("tiny").name == "tiny"
+    assert choose_renderer(machine=here).name == "egl"
+    assert choose_renderer("tiny", machine=here).name == "tiny"
     monkeypatch.setenv(ENVIRONMENT, "tiny")
-    assert choose_renderer().name == "tiny"
-    assert choose_renderer("egl").name == "egl"
+    assert choose_renderer(machine=here).name == "tiny"
+    assert choose_renderer("egl", machine=here).name == "egl"
     monkeypatch.setenv(ENVIRONMENT, "vulkan")
     with pytest.raises(ValueError, match="auto, tiny, egl"):
-        choose_renderer()
+        choose_renderer(machine=here)
 
 
-def test_asking_for_egl_where_it_does_not_work_says_why(monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.setattr(rendering, "try_egl", lambda: Trial("", "no driver"))
+def test_asking_for_egl_where_it_does_not_work_says_why():
+    here = machine(Trial("", "no driver"))
     with pytest.raises(RendererFailed, match="no driver"):
-        choose_renderer("egl")
+        choose_renderer("egl", machine=here)
     with pytest.raises(RendererFailed, match="1920 x 1440"):
-        choose_renderer("egl", (1920, 1440))
+        choose_renderer("egl", (1920, 1440), here)
 
 
 def test_a_renderer_that_dies_is_an_error_here_and_not_the_end(monkeypatch: pytest.MonkeyPatch):
@@ -156,6 +154,26 @@ def test_cards_are_looked_for_under_dev(tmp_path: Path):
     assert not has_card(tmp_path)
     (tmp_path / "dri" / "renderD128").touch()
     assert has_card(tmp_path)
+
+
+class CountedScene(LocalScene):
+    """Draws, and counts what it draws."""
+
+    drawn = 0
+
+    def draw(self, *given):
+        self.drawn += 1
+        return super().draw(*given)
+
+
+def test_a_world_is_drawn_by_the_scene_that_is_handed_in():
+    scene = CountedScene()
+    camera = CameraConfig(renderer="egl").scaled(0.25)  # what the configuration says does not count
+    with open_world("drawer", 0, "clean", camera_config=camera, scene=scene) as opened:
+        before = scene.drawn
+        opened.camera.exact()
+        assert scene.drawn == before + 1
+        assert opened.camera.renderer.name == "tiny"
 
 
 def test_a_scene_is_opened_by_the_renderer_that_was_chosen(no_wish: None):

@@ -1,13 +1,13 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import NoReturn
 
 import cv2
 import numpy as np
 import pytest
 
 from akm_fg.errors import MotionInfeasible
-from sim.objects import contact_sheet
 from sim.objects.contact_sheet import Cell, SheetConfig, label_of, lay_out, main, take_cell
 from sim.objects.suites.catalogue import find_suite
 
@@ -40,28 +40,24 @@ def test_a_cell_shows_the_object_closed_and_open_and_what_it_is():
     assert (np.abs(cell.opened.astype(int) - cell.closed) > 20).any(axis=2).mean() > 0.05
 
 
-def test_an_object_that_cannot_be_built_gets_a_cell_that_says_so(
-    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, capsys: pytest.CaptureFixture
-):
-    def broken(name: str, *_: object, **__: object):
-        raise MotionInfeasible(f"{name}: no place")
+def broken(name: str, *_: object) -> NoReturn:
+    raise MotionInfeasible(f"{name}: no place")
 
-    monkeypatch.setattr(contact_sheet, "open_world", broken)
+
+def test_an_object_that_cannot_be_built_gets_a_cell_that_says_so(
+    tmp_path: Path, capsys: pytest.CaptureFixture
+):
     out = tmp_path / "pages" / "dev.jpg"
-    assert main(["--suite", "furniture-dev", "--out", str(out), "--processes", "1"]) == 1
+    command = ["--suite", "furniture-dev", "--out", str(out), "--processes", "1"]
+    assert main(command, broken) == 1
     assert "0 of 40 objects" in " ".join(capsys.readouterr().err.split())
     page = cv2.imread(str(out))
     assert page is not None and (page > 200).mean() > 0.9
 
 
-def test_a_page_that_cannot_be_written_is_one_line(
-    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, capsys: pytest.CaptureFixture
-):
-    black = np.zeros((SheetConfig().height, SheetConfig().width, 3), dtype=np.uint8)
-    cell = Cell("object", black, black)
-    monkeypatch.setattr(contact_sheet, "make_cells", lambda *_: iter([cell]))
+def test_a_page_that_cannot_be_written_is_one_line(tmp_path: Path, capsys: pytest.CaptureFixture):
     (tmp_path / "file").touch()
     for out in (tmp_path / "file" / "page.jpg", tmp_path / "page.nothing"):
         arguments = ["--suite", "furniture-dev", "--out", str(out), "--processes", "1"]
-        assert main(arguments) == 2
+        assert main(arguments, broken) == 2
         assert out.name in capsys.readouterr().err.replace("\n", "")
