@@ -47,7 +47,7 @@ class AccuracyConfig:
 
 def run(config: AccuracyConfig) -> int:
     """Run what is missing; returns how many trials that were."""
-    note_run(config.out)
+    note_run(config.out, config)
     method = METHODS[config.method]
     seeds = range(config.first_seed, config.first_seed + config.runs)
     wanted = keys([cell.name for cell in config.chosen()], [config.method], seeds)

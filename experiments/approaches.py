@@ -18,6 +18,7 @@ import json
 import sys
 import time
 from collections import Counter
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -63,8 +64,10 @@ class ApproachRow:
     plan_s: float  # CPU seconds of everything from the map to the first step
 
 
-def run_trial(trial: int, seed: int = 0) -> ApproachRow:
-    """One approach; the numbers give everything that is random."""
+def run_trial(
+    trial: int, seed: int = 0, make_arm: Callable[[SimWorld], SimFranka] = SimFranka
+) -> ApproachRow:
+    """One approach of the arm that is made; the numbers give everything that is random."""
     rng = np.random.default_rng([seed, trial, 41])
     suite = SUITES[str(rng.choice(sorted(SUITES)))]
     name = f"{suite.name}/{rng.choice(suite.names())}"
@@ -72,7 +75,7 @@ def run_trial(trial: int, seed: int = 0) -> ApproachRow:
         start = _clear_start(world, rng)
         for joint, q in enumerate(start):
             p.resetJointState(world.robot_id, joint, float(q), physicsClientId=world.client)
-        arm = SimFranka(world)
+        arm = make_arm(world)
         spec = world.spec
         assert isinstance(spec, FurnitureSpec)  # as all of the suites
         view = camera_pose(world, sample_view(rng, max(spec.front_m)))
@@ -203,8 +206,13 @@ def read_rows(path: Path) -> list[ApproachRow]:
     return [ApproachRow(**data) for _, data in whole_lines(path)]
 
 
-def main(argv: list[str] | None = None) -> int:
-    """Run what is missing and report; the exit code is 1 where the arm touched something."""
+def main(argv: list[str] | None = None, run: Callable[[int, int], ApproachRow] = run_trial) -> int:
+    """Run what is missing and report; the exit code is 1 where the arm touched something.
+
+    Args:
+        argv: of the command line.
+        run: makes the row of a trial, of its number and the seed.
+    """
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--trials", type=int, default=200)
     parser.add_argument("--first", type=int, default=0)
@@ -215,7 +223,7 @@ def main(argv: list[str] | None = None) -> int:
     done = {row.trial for row in rows}
     trials = range(arguments.first, arguments.first + arguments.trials)
     for trial in (trial for trial in trials if trial not in done):
-        rows.append(run_trial(trial, arguments.seed))
+        rows.append(run(trial, arguments.seed))
         append_line(arguments.out, json.dumps(dataclasses.asdict(rows[-1])))
         said = rows[-1].infeasible or rows[-1].touched or "clear"
         print(f"[{trial}] {rows[-1].object}: {said}", file=sys.stderr, flush=True)

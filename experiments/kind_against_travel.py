@@ -65,7 +65,7 @@ OUTCOMES = (
 
 def run(config: KindConfig) -> int:
     """Run what is missing; returns how many trials that were."""
-    note_run(config.out)
+    note_run(config.out, config)
     method = METHODS[config.method]
     seeds = range(config.first_seed, config.first_seed + config.runs)
     wanted = keys([cell.name for cell in config.cells()], [config.method], seeds)

@@ -26,6 +26,7 @@ from typing import Literal, get_args
 import numpy as np
 
 from akm_fg.arm.limits import LimitUsage, MotionRecorder
+from akm_fg.cli.demo_config import SimulatorConfig
 from akm_fg.errors import AkmError
 from akm_fg.records import TimedPath
 from experiments.pages.tables import markdown, percent
@@ -36,6 +37,7 @@ from sim.episode import SimEpisode, open_world
 from sim.objects.placement import opened
 from sim.objects.suites.catalogue import SUITES
 from sim.robot.contacts import contacts, link_name
+from sim.robot.franka_config import FrankaConfig
 from sim.robot.slip import SlipGauge
 from sim.robot.true_obstacles import true_obstacles
 
@@ -67,10 +69,10 @@ class PullRow:
     cpu_s: float
 
 
-def run_trial(name: str, way: Way, seed: int = 0) -> PullRow:
-    """Grasp one object's handle and open it."""
+def run_trial(name: str, way: Way, seed: int = 0, franka: FrankaConfig | None = None) -> PullRow:
+    """Grasp one object's handle and open it, with an arm and a hand tuned so."""
     began = time.process_time()
-    with open_world(name, seed, "clean") as episode:
+    with open_world(name, seed, "clean", franka_config=franka) as episode:
         episode.arm.know(true_obstacles(episode.world))
         trial = _Trial(episode)
         failure = trial.run(way)
@@ -208,7 +210,7 @@ def main() -> None:
     parser.add_argument("--limit", type=int, help="stop after so many new trials")
     parser.add_argument("--out", type=Path, default=Path("runs/oracle-pulls"))
     arguments = parser.parse_args()
-    note_run(arguments.out)
+    note_run(arguments.out, SimulatorConfig())
     file = arguments.out / f"{arguments.suite}.jsonl"
     done = {(row.name, row.way) for row in read_rows(file)}
     numbered = sorted(SUITES[arguments.suite].names(), key=lambda name: name[-3:])

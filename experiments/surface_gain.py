@@ -18,6 +18,7 @@ from pathlib import Path
 
 import numpy as np
 
+from akm_fg.pipeline import fit_recording
 from experiments.pages.figures import COLOURS, new_figure, save
 from experiments.pages.tables import (
     NoRows,
@@ -31,7 +32,7 @@ from experiments.pages.tables import (
 from experiments.rows.provenance import note_run
 from experiments.rows.rows import Key, TrialRow, fill
 from experiments.scores.statistics import Estimate, median, share
-from experiments.trials.recording_methods import GRAPH, PAPER, run_recording
+from experiments.trials.recording_methods import GRAPH, PAPER, Fit, run_recording
 from experiments.trials.track_methods import PAPER_STARTS
 
 METHODS = (*GRAPH, *PAPER)
@@ -81,9 +82,9 @@ class DenseGainConfig:
         return found
 
 
-def run(config: DenseGainConfig) -> int:
-    """Run what is missing; returns how many trials that were."""
-    note_run(config.out)
+def run(config: DenseGainConfig, fit: Fit = fit_recording) -> int:
+    """Run what is missing with our `fit`; returns how many trials that were."""
+    note_run(config.out, config)
     folders = {folder.name: folder for folder in config.folders()}
     wanted = [Key(name, method, config.seed) for name in folders for method in config.methods]
 
@@ -91,7 +92,7 @@ def run(config: DenseGainConfig) -> int:
         rows: list[TrialRow] = []
         for name in dict.fromkeys(key.cell for key in some):
             methods = [key.method for key in some if key.cell == name]
-            rows += run_recording(folders[name], methods, config.seed, config.starts)
+            rows += run_recording(folders[name], methods, config.seed, config.starts, fit)
         return rows
 
     return fill(config.out / "rows.jsonl", wanted, run_batch, batch=len(config.methods))

@@ -10,13 +10,25 @@ import sys
 from datetime import UTC, datetime
 from importlib.metadata import version
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from akm_fg.config import AkmConfig
+from akm_fg.io.config_file import config_as_dict
+
+if TYPE_CHECKING:
+    from _typeshed import DataclassInstance
 
 FILE = "provenance.json-lines"  # not *.jsonl: those are rows
 _PACKAGES = ("numpy", "scipy", "gtsam")
 
 
-def note_run(folder: Path) -> None:
-    """Add what is run now, on what, to a folder of rows."""
+def note_run(folder: Path, experiment: DataclassInstance | None = None) -> None:
+    """Add what is run now, on what, to a folder of rows, with all settings.
+
+    Args:
+        folder: of the rows.
+        experiment: its configuration; the program's own tree is noted anyway.
+    """
     folder.mkdir(parents=True, exist_ok=True)
     note = {
         "started": datetime.now(UTC).isoformat(timespec="seconds"),
@@ -25,12 +37,14 @@ def note_run(folder: Path) -> None:
         "machine": machine(),
         "python": platform.python_version(),
         "packages": {name: version(name) for name in _PACKAGES},
+        "experiment": {} if experiment is None else config_as_dict(experiment),
+        "config": config_as_dict(AkmConfig()),
     }
     with (folder / FILE).open("a", encoding="utf-8") as stream:
-        stream.write(json.dumps(note) + "\n")
+        stream.write(json.dumps(note, default=str) + "\n")
 
 
-def runs_of(folder: Path) -> list[dict[str, str]]:
+def runs_of(folder: Path) -> list[dict[str, Any]]:
     """The notes of a folder, oldest first."""
     file = folder / FILE
     if not file.exists():

@@ -6,12 +6,13 @@ They work on our moving tracks and on clouds of our masks: what is compared is t
 from __future__ import annotations
 
 import time
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from akm_fg.perception.observe import ObserveConfig, ObservedMotion, observe_motion
-from akm_fg.records import Recording
+from akm_fg.records import FloatArray, Recording
 from experiments.baselines.clouds import PartCloud, choose_keyframes
 from experiments.baselines.coarse import coarse_estimate
 from experiments.baselines.config import CoarseConfig, FineConfig
@@ -48,7 +49,7 @@ def paper_stages(recording: Recording, seed: int, starts: int) -> PaperStages:
     began = time.perf_counter()
     clouds = _clouds(recording, observed, coarse, seed)
     clouds_s = time.perf_counter() - began
-    fine = _fine(coarse, clouds, seed) if len(clouds) > 1 else coarse
+    fine = refined(coarse, clouds, seed) if len(clouds) > 1 else coarse
     stages = {"perception": perception_s, "clouds": clouds_s, "coarse": coarse.time_s["total"]}
     if fine is not coarse:
         stages["fine"] = fine.time_s["fine"]
@@ -64,10 +65,19 @@ def _clouds(
     return keyframe_clouds(recording, observed, frames, ObserveConfig().noise, rng)
 
 
-def _fine(coarse: JointEstimate, clouds: dict[int, PartCloud], seed: int) -> JointEstimate:
-    """The fine stage, its states brought back to the recording's frames."""
+Refine = Callable[[JointEstimate, Sequence[PartCloud], FloatArray, int], JointEstimate]
+"""A coarse estimate, clouds of K keyframes, their states (K,), a seed -> a finer estimate."""
+
+
+def refined(
+    coarse: JointEstimate,
+    clouds: Mapping[int, PartCloud],
+    seed: int,
+    refine: Refine = fine_estimate,
+) -> JointEstimate:
+    """The fine stage on clouds by frame, its states brought back to the recording's frames."""
     seen = sorted(clouds)
-    fine = fine_estimate(coarse, [clouds[k] for k in seen], coarse.states[seen], seed)
+    fine = refine(coarse, [clouds[k] for k in seen], coarse.states[seen], seed)
     sign = 1.0 if fine.axis @ coarse.axis >= 0 else -1.0
     states = np.full(coarse.states.size, np.nan)
     states[seen] = fine.states + sign * coarse.states[seen[0]]

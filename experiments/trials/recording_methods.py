@@ -7,16 +7,16 @@ from __future__ import annotations
 
 import logging
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Literal, cast
 
 from akm_fg.errors import InsufficientData
 from akm_fg.io.recording import read_recording
 from akm_fg.io.recording_reader import read_truth
 from akm_fg.pipeline import fit_recording
 from akm_fg.records import JointTruth, Recording
+from akm_fg.stages import RecordingFit
 from experiments.rows.rows import Key, TrialRow, trial_row
 from experiments.scores.answers import Answer, answer_of_estimates, answer_of_posterior, failed
 from experiments.trials.track_methods import PAPER_STARTS
@@ -27,8 +27,16 @@ GRAPH = ("graph-tracks", "graph-dense", "graph-both")
 PAPER = ("paper-coarse", "paper-fine")
 
 
+Fit = Callable[..., RecordingFit]
+"""Fits a recording with a seed; what enters the graph is said by the name `sources`."""
+
+
 def run_recording(
-    folder: Path, methods: Sequence[str], seed: int, starts: int = PAPER_STARTS
+    folder: Path,
+    methods: Sequence[str],
+    seed: int,
+    starts: int = PAPER_STARTS,
+    fit: Fit = fit_recording,
 ) -> Iterator[TrialRow]:
     """Rows of one recording, a method each; pure in the seed, times aside.
 
@@ -37,6 +45,7 @@ def run_recording(
         methods: of `GRAPH` and `PAPER`; both of the paper's stages are run where one is asked for.
         seed: of whatever is sampled.
         starts: of the paper's coarse stage.
+        fit: ours.
 
     Raises:
         InputError: the folder is no recording.
@@ -49,7 +58,7 @@ def run_recording(
     for method in methods:
         if method in GRAPH:
             began = time.process_time()
-            answer = _graph(recording, method.removeprefix("graph-"), seed)
+            answer = _graph(recording, method.removeprefix("graph-"), seed, fit)
             yield _row(folder, method, seed, truth, answer, time.process_time() - began)
     if set(methods) & set(PAPER):
         for method, answer in _paper(recording, seed, starts).items():
@@ -63,10 +72,9 @@ def _row(
     return trial_row(Key(folder.name, method, seed), truth, answer, cpu_s)
 
 
-def _graph(recording: Recording, sources: str, seed: int) -> Answer:
-    given = cast(Literal["tracks", "dense", "both"], sources)
+def _graph(recording: Recording, sources: str, seed: int, fit: Fit) -> Answer:
     try:
-        return answer_of_posterior(fit_recording(recording, seed, sources=given).posterior)
+        return answer_of_posterior(fit(recording, seed, sources=sources).posterior)
     except Exception as problem:  # a recording without an answer must not end the others
         if not isinstance(problem, InsufficientData):
             log.exception("%s, %s", recording.name, sources)

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from akm_fg.estimation.fit import fit_tracks
+from akm_fg.posterior import ArticulationPosterior
 from akm_fg.records import PointTracks
 from experiments.baselines.config import CoarseConfig
 from experiments.peers.ripl import RiplConfig, estimate_openings
@@ -61,19 +62,27 @@ def _one_by_one(
     return answers
 
 
-def _graph(tracks: PointTracks, seed: int) -> Answer:
-    return answer_of_posterior(fit_tracks(tracks, seed=seed))
+def graph_method(fit: Callable[..., ArticulationPosterior] = fit_tracks) -> TrackMethod:
+    """Ours; `fit` takes tracks, and the seed by its name."""
+    return TrackMethod(
+        "graph", 1, _one_by_one(lambda tracks, seed: answer_of_posterior(fit(tracks, seed=seed)))
+    )
 
 
-def _paper(tracks: PointTracks, seed: int) -> Answer:
-    from experiments.baselines.coarse import coarse_alternatives
+def paper_method(starts: int = PAPER_STARTS) -> TrackMethod:
+    """The paper's coarse stage from so many starts."""
 
-    found = coarse_alternatives(tracks.p_world, seed, CoarseConfig(starts=PAPER_STARTS))
-    prismatic, revolute = found["prismatic"], found["revolute"]
-    lower = prismatic.losses["prismatic"] < revolute.losses["revolute"]
-    answer = answer_of_estimates(prismatic if lower else revolute, found)
-    seconds = {**prismatic.time_s, **revolute.time_s}
-    return Answer(answer.kind, answer.fits, time_s={**seconds, "total": sum(seconds.values())})
+    def answer(tracks: PointTracks, seed: int) -> Answer:
+        from experiments.baselines.coarse import coarse_alternatives
+
+        found = coarse_alternatives(tracks.p_world, seed, CoarseConfig(starts=starts))
+        prismatic, revolute = found["prismatic"], found["revolute"]
+        lower = prismatic.losses["prismatic"] < revolute.losses["revolute"]
+        best = answer_of_estimates(prismatic if lower else revolute, found)
+        seconds = {**prismatic.time_s, **revolute.time_s}
+        return Answer(best.kind, best.fits, time_s={**seconds, "total": sum(seconds.values())})
+
+    return TrackMethod("paper", 1, _one_by_one(answer))
 
 
 def _peer(openings: Sequence[Opening], seeds: Sequence[int]) -> Iterator[Answer]:
@@ -94,9 +103,5 @@ def _peer(openings: Sequence[Opening], seeds: Sequence[int]) -> Iterator[Answer]
 
 METHODS = {
     method.name: method
-    for method in (
-        TrackMethod("graph", 1, _one_by_one(_graph)),
-        TrackMethod("paper", 1, _one_by_one(_paper)),
-        TrackMethod("peer", 20, _peer),
-    )
+    for method in (graph_method(), paper_method(), TrackMethod("peer", 20, _peer))
 }

@@ -6,8 +6,10 @@ from pathlib import Path
 import pytest
 
 from akm_fg.arm.collision import ArmCollisions
+from akm_fg.arm.surroundings import KnownScene, Surroundings
 from experiments import approaches
 from experiments.approaches import ApproachRow, reason, report, run_trial
+from sim.robot.franka import SimFranka
 
 
 def test_one_approach_touches_nothing_but_with_its_fingers_at_the_handle():
@@ -20,13 +22,32 @@ def test_one_approach_touches_nothing_but_with_its_fingers_at_the_handle():
     assert row.limits_used["velocity"] < 1.0
 
 
+class Unchecked(ArmCollisions):
+    """Says that nothing is ever touched."""
+
+    def touched(self, q):
+        return None
+
+    def free_along(self, q, step_m):
+        return True
+
+
+class Careless(KnownScene):
+    """Sees, and minds nothing."""
+
+    def around(self, T_world_grasp, margin_m):
+        return Surroundings(Unchecked([], margin_m), Unchecked([], margin_m), None)
+
+
+class CarelessFranka(SimFranka):
+    def __init__(self, world):
+        super().__init__(world)
+        self._scene = Careless(world.placement.floor_m)
+
+
 @pytest.mark.slow
-def test_the_same_approach_without_collision_checks_is_seen_to_touch(
-    monkeypatch: pytest.MonkeyPatch,
-):
-    monkeypatch.setattr(ArmCollisions, "touched", lambda self, q: None)
-    monkeypatch.setattr(ArmCollisions, "free_along", lambda self, q, step_m: True)
-    assert run_trial(0).touched
+def test_the_same_approach_without_collision_checks_is_seen_to_touch():
+    assert run_trial(0, make_arm=CarelessFranka).touched
 
 
 def test_the_report_counts_touches_and_reasons():
@@ -44,16 +65,15 @@ def test_the_report_counts_touches_and_reasons():
     assert reason("no free way to the goal was found") == "no free way"
 
 
-def test_a_run_goes_on_where_it_was_ended(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+def test_a_run_goes_on_where_it_was_ended(tmp_path: Path):
     out, ran = tmp_path / "rows.jsonl", []
 
     def trial_without_arm(trial: int, seed: int) -> ApproachRow:
         ran.append(trial)
         return ApproachRow(trial, "a", None, [], None, 21.0, 0.5, None, 0.03, 0.2)
 
-    monkeypatch.setattr(approaches, "run_trial", trial_without_arm)
-    assert approaches.main(["--trials", "2", "--out", str(out)]) == 0
-    assert approaches.main(["--trials", "4", "--out", str(out)]) == 0
+    assert approaches.main(["--trials", "2", "--out", str(out)], trial_without_arm) == 0
+    assert approaches.main(["--trials", "4", "--out", str(out)], trial_without_arm) == 0
     assert ran == [0, 1, 2, 3]
     assert [row.trial for row in approaches.read_rows(out)] == ran
 

@@ -1,5 +1,8 @@
 import pytest
 
+from akm_fg.config import AkmConfig
+from akm_fg.io.config_file import with_changes
+from experiments.accuracy_grid import AccuracyConfig
 from experiments.pages.tables import NoRows
 from experiments.report import FOLDERS, PAGE, PARTS, figures, provenance_table, renewed, tables
 from experiments.rows.provenance import note_run, runs_of
@@ -48,10 +51,12 @@ def test_tables_and_figures_of_what_has_rows_are_made_and_the_rest_is_left(accur
 
 def test_a_run_is_noted_with_machine_and_revision(tmp_path):
     note_run(tmp_path)
-    note_run(tmp_path)
+    note_run(tmp_path, AccuracyConfig(runs=7, out=tmp_path))
     first, second = runs_of(tmp_path)
     assert first["machine"] == second["machine"] and first["revision"]
     assert first["packages"]["gtsam"]
+    assert second["experiment"]["runs"] == 7 and second["experiment"]["out"] == str(tmp_path)
+    assert with_changes(AkmConfig(), second["config"], "the note") == AkmConfig()
 
 
 def test_a_folder_without_rows_has_no_provenance(tmp_path):

@@ -24,7 +24,6 @@ from experiments.surface_gain import (
     kinds_table,
     run,
 )
-from experiments.trials import recording_methods
 from experiments.trials.cells import Cell
 from experiments.trials.part_clouds import masked_points
 from experiments.trials.recording_methods import GRAPH
@@ -64,28 +63,20 @@ def recordings(tmp_path, frame):
     return folder
 
 
-@pytest.fixture
-def sources_seen(monkeypatch):
+def test_sources_are_passed_on_failures_are_rows_and_nothing_is_run_twice(recordings, tmp_path):
     """Fits give the opening's own posterior; what they were asked to use is noted."""
-    seen = []
+    sources_seen = []
 
     def fit(recording, seed, sources):
-        seen.append((recording.name, sources))
+        sources_seen.append((recording.name, sources))
         if sources == "dense":
             raise NoMotionObserved("nothing moved")
         return Fitted(fit_tracks(OPENING.tracks))
 
-    monkeypatch.setattr(recording_methods, "fit_recording", fit)
-    return seen
-
-
-def test_sources_are_passed_on_failures_are_rows_and_nothing_is_run_twice(
-    recordings, sources_seen, tmp_path
-):
     config = DenseGainConfig(recordings, methods=GRAPH, out=tmp_path / "rows")
-    assert run(config) == 6
+    assert run(config, fit) == 6
     assert [sources for _, sources in sources_seen] == ["tracks", "dense", "both"] * 2
-    assert run(config) == 0
+    assert run(config, fit) == 0
     rows = {(row.cell, row.method): row for row in read_rows(config.out)}
     assert rows["door-1", "graph-dense"].failure == "NoMotionObserved: nothing moved"
     assert rows["door-2", "graph-both"].within(1.0)

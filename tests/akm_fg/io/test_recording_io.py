@@ -1,5 +1,6 @@
 """Recordings survive the way to disk, and every broken one gets one clear line."""
 
+import contextlib
 import json
 import struct
 import tracemalloc
@@ -202,15 +203,33 @@ def test_an_interrupted_recording_stays_readable_after_every_frame(tmp_path: Pat
     assert len(read_recording(tmp_path / "a").frames) == 3
 
 
+class InterruptedWriter(RecordingWriter):
+    """Is interrupted where one of its steps begins, while that step is named."""
+
+    at: str | None = None
+
+    def _make(self, folder: Path) -> None:
+        self._interrupt("_make")
+        super()._make(folder)
+
+    def _describe(self) -> None:
+        self._interrupt("_describe")
+        super()._describe()
+
+    def _interrupt(self, step: str) -> None:
+        if step == self.at:
+            raise KeyboardInterrupt
+
+
 def test_an_interrupt_between_images_and_description_loses_that_frame_alone(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path,
 ) -> None:
     frames = make_recording(3).frames
-    writer = RecordingWriter(tmp_path / "a")
+    writer = InterruptedWriter(tmp_path / "a")
     writer.add(frames[0])
     writer.add(frames[1])
 
-    monkeypatch.setattr(writer, "_describe", raises_interrupt)
+    writer.at = "_describe"
     with pytest.raises(KeyboardInterrupt):
         writer.add(frames[2])
     assert (tmp_path / "a/rgb/000002.png").exists()
@@ -218,29 +237,20 @@ def test_an_interrupt_between_images_and_description_loses_that_frame_alone(
 
 
 @pytest.mark.parametrize("after", ["_make", "_describe"])
-def test_writing_goes_on_after_an_interrupt_anywhere_in_a_frame(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, after: str
-) -> None:
+def test_writing_goes_on_after_an_interrupt_anywhere_in_a_frame(tmp_path: Path, after: str) -> None:
     recording = make_recording(3)
     assert recording.T_world_gripper is not None
-    writer = RecordingWriter(tmp_path / "a")
+    writer = InterruptedWriter(tmp_path / "a")
     for i, frame in enumerate(recording.frames):
-        with monkeypatch.context() as patch:
-            if i == 1:
-                patch.setattr(writer, after, raises_interrupt)
-                with pytest.raises(KeyboardInterrupt):
-                    writer.add(frame, None, recording.T_world_gripper[i])
-            else:
-                writer.add(frame, None, recording.T_world_gripper[i])
+        writer.at = after if i == 1 else None
+        with pytest.raises(KeyboardInterrupt) if i == 1 else contextlib.nullcontext():
+            writer.add(frame, None, recording.T_world_gripper[i])
+    writer.at = None
     n = len(writer)
     assert n == (2 if after == "_make" else 3)
     writer.set_truth(make_truth(n))
     got = read_recording(tmp_path / "a")
     assert got.T_world_gripper is not None and len(got.T_world_gripper) == n
-
-
-def raises_interrupt(*_: object) -> None:
-    raise KeyboardInterrupt
 
 
 def test_the_writer_refuses_a_used_folder(folder: Path) -> None:

@@ -7,7 +7,7 @@ from numpy.testing import assert_allclose
 pytest.importorskip("torch")
 
 from experiments.baselines.estimate import joint_estimate
-from experiments.trials import paper_on_recordings
+from experiments.trials.paper_on_recordings import refined
 
 COARSE = joint_estimate(
     "prismatic", np.array([0, 0, 1.0]), np.zeros(3), np.arange(6) / 10, np.zeros(3), {}, {}
@@ -15,7 +15,7 @@ COARSE = joint_estimate(
 
 
 @pytest.mark.parametrize("sign", [1.0, -1.0])
-def test_states_of_keyframes_count_from_the_recordings_first_frame(monkeypatch, sign):
+def test_states_of_keyframes_count_from_the_recordings_first_frame(sign):
     """Clouds of frames 1, 3, 5 only: the first cloud is at the coarse state 0.1, not at zero."""
 
     def fine(coarse, clouds, states, seed):
@@ -31,8 +31,7 @@ def test_states_of_keyframes_count_from_the_recordings_first_frame(monkeypatch, 
             {"fine": 1.0},
         )
 
-    monkeypatch.setattr(paper_on_recordings, "fine_estimate", fine)
     clouds = {5: "five", 1: "one", 3: "three"}
-    found = paper_on_recordings._fine(COARSE, clouds, seed=0)
+    found = refined(COARSE, clouds, seed=0, refine=fine)
     assert_allclose(found.states[1::2], sign * 0.1 + np.array([0, 0.21, 0.41]))
     assert found.states[0] == 0 and np.isnan(found.states[[2, 4]]).all()

@@ -5,16 +5,17 @@ import pytest
 
 from experiments.peers.ripl import PYTHON
 from experiments.rows.rows import Key
-from experiments.trials import track_methods
 from experiments.trials.cells import Cell
-from experiments.trials.track_methods import METHODS, run_trials
+from experiments.trials.track_methods import METHODS, graph_method, paper_method, run_trials
 
 DOOR = Cell("door", 40.0, noise_mm=1.0).name
 DRAWER = Cell("drawer", 40.0, noise_mm=1.0).name
 
 
 def _rows(method, cells=(DOOR, DRAWER)):
-    return list(run_trials(METHODS[method], [Key(cell, method, 0) for cell in cells]))
+    if isinstance(method, str):
+        method = METHODS[method]
+    return list(run_trials(method, [Key(cell, method.name, 0) for cell in cells]))
 
 
 def _without_times(row):
@@ -29,10 +30,9 @@ def test_the_graph_gives_the_same_row_every_time_with_covariance_and_probability
         assert row.time_s["total"] > 0 and row.failure is None
 
 
-def test_the_papers_method_gives_errors_and_no_covariance(monkeypatch):
+def test_the_papers_method_gives_errors_and_no_covariance():
     pytest.importorskip("torch")
-    monkeypatch.setattr(track_methods, "PAPER_STARTS", 4)
-    for row in _rows("paper"):
+    for row in _rows(paper_method(starts=4)):
         assert row.kind_right and row.errors.axis_error_deg < 5
         assert row.consistency.nees_joint is None and row.brier is None
 
@@ -44,10 +44,9 @@ def test_the_peer_is_scored_as_the_true_kind_whatever_it_is_taken_for():
         assert row.kind_right and row.errors.axis_error_deg < 5
 
 
-def test_a_method_that_raises_leaves_a_row_that_says_so(monkeypatch):
+def test_a_method_that_raises_leaves_a_row_that_says_so():
     def broken(tracks, seed):
         raise np.linalg.LinAlgError("singular")
 
-    monkeypatch.setattr(track_methods, "fit_tracks", broken)
-    for row in _rows("graph"):
+    for row in _rows(graph_method(broken)):
         assert row.failure == "LinAlgError: singular" and row.kind is None

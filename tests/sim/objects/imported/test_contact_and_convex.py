@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 import trimesh
 
-from sim.objects.imported import convex
 from sim.objects.imported.contact import EDGE_GRIP_M, find_contact
 from sim.objects.imported.convex import convex_pieces
 from sim.objects.imported.imported_build import inertia_of_hulls
@@ -20,33 +19,38 @@ DOOR = {"kind": "revolute", "axis": "0 1 0", "origin": (-0.45, 0.0, 0.52), "limi
 
 
 @pytest.fixture(autouse=True)
-def own_cache(tmp_path_factory: pytest.TempPathFactory, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path_factory.mktemp("cache")))
+def own_cache(tmp_path_factory: pytest.TempPathFactory, monkeypatch: pytest.MonkeyPatch) -> Path:
+    base = tmp_path_factory.mktemp("cache")
+    monkeypatch.setenv("XDG_CACHE_HOME", str(base))
+    return base / "akm-fg"
 
 
-def test_a_concave_mesh_is_decomposed_once_for_all_scales(monkeypatch: pytest.MonkeyPatch):
+def decomposed(cache: Path) -> dict[str, int]:
+    """What is kept of decompositions: file -> when it was written."""
+    return {str(file): file.stat().st_mtime_ns for file in cache.glob("convex-*/pieces.npz")}
+
+
+def test_a_concave_mesh_is_decomposed_once_for_all_scales(own_cache: Path):
     corner = trimesh.creation.box([1.0, 1.0, 2.0])
     corner.apply_translation([0.3, 0.3, 0.0])
     angle = trimesh.boolean.difference([trimesh.creation.box([1.0, 1.0, 1.0]), corner])
-    ran = []
-    run_coacd = convex._run_coacd
-    monkeypatch.setattr(convex, "_run_coacd", lambda *a: ran.append(1) or run_coacd(*a))
     pieces = convex_pieces(angle.vertices, angle.faces)
     volume = sum(trimesh.convex.convex_hull(piece).volume for piece in pieces)
     assert len(pieces) >= 2 and volume == pytest.approx(angle.volume, rel=0.05)
+    ran = decomposed(own_cache)
     larger = convex_pieces(3.0 * angle.vertices + 1.0, angle.faces)
-    assert len(ran) == 1
+    assert len(ran) == 1 and decomposed(own_cache) == ran
     np.testing.assert_allclose(larger[0], 3.0 * pieces[0] + 1.0, atol=1e-5)
 
 
 @pytest.mark.parametrize("flat", [True, False])
-def test_what_is_convex_or_flat_needs_no_decomposition(flat: bool, monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.setattr(convex, "_run_coacd", None)
+def test_what_is_convex_or_flat_needs_no_decomposition(flat: bool, own_cache: Path):
     box = trimesh.creation.box([1.0, 1.0, 0.3])
     if flat:
         box = trimesh.Trimesh([[0, 0, 1], [1, 0, 1], [1, 1, 1], [0, 1, 1]], [[0, 1, 2], [0, 2, 3]])
     (piece,) = convex_pieces(box.vertices, box.faces)
     assert trimesh.convex.convex_hull(piece).volume == pytest.approx(0.002 if flat else 0.3)
+    assert decomposed(own_cache) == {}
 
 
 def test_a_front_without_handle_is_pinched_at_its_free_edge_or_said_not_to_fit(
