@@ -19,14 +19,24 @@ from akm_fg.cli.demo import DemoArguments, demo, run_demo, wanted_state
 from akm_fg.cli.demo_config import DemoConfig, SimulatorConfig
 from akm_fg.cli.main import main
 from akm_fg.closed_loop import EpisodeConfig
+from akm_fg.estimation.config import FitConfig
 from akm_fg.io.config_file import read_config
 from akm_fg.io.recording import read_recording, read_truth
+from akm_fg.perception.config import PerceptionConfig
+from akm_fg.perception.observe import ObserveConfig
+from akm_fg.perception.tracking.seeding import SeedingConfig
 from akm_fg.report.summary import RunSummary
 from sim.camera.camera import CameraConfig
 
 SMALL = DemoConfig(
     episode=EpisodeConfig(pull_m=0.08, pull_tick_s=0.2, move_tick_s=0.4),
     sim=SimulatorConfig(camera=CameraConfig().scaled(0.5)),
+)
+SEEDING = SeedingConfig(number=250)
+TUNED = replace(
+    SMALL,
+    fit=FitConfig(dof=5.0),
+    perception=PerceptionConfig(observe=ObserveConfig(seeding=SEEDING)),
 )
 
 
@@ -42,11 +52,11 @@ class Ran:
     summary: RunSummary
 
 
-def ran_demo(name: str, target: str, seed: int, path: Path) -> Ran:
+def ran_demo(name: str, target: str, seed: int, path: Path, config: DemoConfig = SMALL) -> Ran:
     said, told, out = io.StringIO(), io.StringIO(), path / "run.json"
     arguments = DemoArguments(name, target=target, seed=seed, out=path / "runs", json=str(out))
     with contextlib.redirect_stdout(said), contextlib.redirect_stderr(told):
-        done = run_demo(arguments, SMALL)
+        done = run_demo(arguments, config)
     assert done.folder == _only_folder(path / "runs") and done.summary is not None
     run = json.loads(out.read_text())
     return Ran(done.code, run, said.getvalue(), told.getvalue(), done.folder, done.summary)
@@ -65,7 +75,8 @@ def drawer(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def door(tmp_path_factory):
-    return ran_demo("door", "25deg", 0, tmp_path_factory.mktemp("door"))
+    """With settings of its own."""
+    return ran_demo("door", "25deg", 0, tmp_path_factory.mktemp("door"), TUNED)
 
 
 @pytest.mark.parametrize("name", ["drawer", "door"])
@@ -105,11 +116,13 @@ def test_fit_gives_the_posterior_of_the_episode_again_digit_by_digit(drawer, cap
     assert digits(again) == digits(drawer.json["posterior"])
 
 
-def test_the_settings_that_a_run_writes_are_its_own_and_give_its_posterior(drawer, capsys):
-    written = drawer.folder / "config.toml"
-    assert read_config(written, DemoConfig()) == SMALL
-    again = fitted(drawer.folder / "recording", "--config", str(written))
-    assert digits(again) == digits(drawer.json["posterior"])
+def test_the_settings_that_a_run_writes_are_its_own_and_give_its_posterior(door, capsys):
+    written = door.folder / "config.toml"
+    assert read_config(written, DemoConfig()) == TUNED
+    again = fitted(door.folder / "recording", "--config", str(written))
+    assert digits(again) == digits(door.json["posterior"])
+    assert digits(fitted(door.folder / "recording")) != digits(again)
+    assert f"recording --config {written} --json -" in (door.folder / "report.html").read_text()
 
 
 def test_the_recording_holds_what_the_episode_saw(drawer):
