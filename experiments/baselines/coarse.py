@@ -74,7 +74,7 @@ def coarse_alternatives(
     """
     config = config or CoarseConfig()
     kept = _tracks_from_the_first_frame(points)
-    found = {}
+    found: dict[str, JointEstimate] = {}
     for kind in KINDS:
         began = time.perf_counter()
         if not kind.turns:
