@@ -18,7 +18,7 @@ import os
 import shutil
 import tempfile
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import platformdirs
@@ -85,7 +85,11 @@ def code_digest() -> str:
 
     All of this package, and the arm's, which says where it reaches.
     """
-    rooms = (Path(__file__).parent, Path(akm_fg.arm.__file__).parent)
+    return digest_of((Path(__file__).parent, Path(akm_fg.arm.__file__).parent))
+
+
+def digest_of(rooms: Sequence[Path]) -> str:
+    """Of all code in some folders, and the versions of what it uses."""
     sources = [path.read_bytes() for room in rooms for path in sorted(room.rglob("*.py"))]
     return digest(*(f"{name} {_version(name)}" for name in DEPENDENCIES), *sources)
 

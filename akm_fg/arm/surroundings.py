@@ -6,7 +6,7 @@ On the straight approach hand and fingers come near to what is grasped.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 
 import gtsam
@@ -124,6 +124,10 @@ def surroundings(
     )
 
 
+MakeMap = Callable[[RgbdFrame, FloatArray, float, MapConfig, ArmDescription | None], ObstacleMap]
+"""A frame, the arm's joint angles (7,) in it, the floor's height, a config, the arm -> the map."""
+
+
 class KnownScene:
     """What the arm has been told and shown of the place where it stands."""
 
@@ -132,6 +136,7 @@ class KnownScene:
         floor_m: float,
         config: AroundConfig | None = None,
         description: ArmDescription | None = None,
+        make_map: MakeMap = map_from_frame,
     ) -> None:
         """Knows nothing yet but the place where the robot was set up.
 
@@ -139,8 +144,9 @@ class KnownScene:
             floor_m: height of the floor, world.
             config: of the maps, and of the hand's room.
             description: of the arm; without one, the Franka of the installed PyBullet's data.
+            make_map: makes an obstacle map of a frame.
         """
-        self._description = description
+        self._description, self._make_map = description, make_map
         self._own = own_surroundings(floor_m)
         self._floor_m = floor_m
         self._config = config or AroundConfig()
@@ -172,4 +178,4 @@ class KnownScene:
         )
 
     def _map(self, frame: RgbdFrame, q: FloatArray, config: MapConfig) -> ObstacleMap:
-        return map_from_frame(frame, q, self._floor_m, config, self._description)
+        return self._make_map(frame, q, self._floor_m, config, self._description)

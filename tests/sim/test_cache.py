@@ -15,7 +15,17 @@ import pytest
 
 import akm_fg.arm
 from akm_fg.arm.kinematics import FrankaKinematics
-from sim.cache import SCRATCH, STALE_S, UNUSED_S, cache_folder, code_digest, digest, kept
+from sim import cache
+from sim.cache import (
+    SCRATCH,
+    STALE_S,
+    UNUSED_S,
+    cache_folder,
+    code_digest,
+    digest,
+    digest_of,
+    kept,
+)
 from sim.objects.object_record import RECORD, read_record, spec_text, write_record
 from sim.objects.staging import build_and_place, find_spec, stage
 
@@ -108,18 +118,14 @@ def test_a_digest_tells_where_one_part_ends():
     assert digest("ab", "c") != digest("a", "bc")
 
 
-def test_another_arm_makes_objects_anew(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+def test_another_arm_makes_objects_anew(tmp_path: Path):
     """It decides where they stand: a place is one that the arm can open."""
-    before = code_digest()
     shutil.copytree(Path(akm_fg.arm.__file__).parent, tmp_path / "arm")
-    monkeypatch.setattr(akm_fg.arm, "__file__", str(tmp_path / "arm" / "__init__.py"))
-    code_digest.cache_clear()
-    assert code_digest() == before
+    rooms = (Path(cache.__file__).parent, tmp_path / "arm")
+    assert digest_of(rooms) == code_digest()
     with (tmp_path / "arm" / "reaching.py").open("a") as file:
         file.write("# changed\n")
-    code_digest.cache_clear()
-    assert code_digest() != before
-    code_digest.cache_clear()
+    assert digest_of(rooms) != code_digest()
 
 
 def test_an_object_from_the_cache_is_the_one_that_was_built_bit_for_bit(tmp_path: Path):

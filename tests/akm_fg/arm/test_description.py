@@ -11,7 +11,7 @@ import gtsam
 import numpy as np
 import pytest
 
-from akm_fg.arm import collision, description, kinematics, silhouette
+from akm_fg.arm import description
 from akm_fg.arm.collision import ArmCollisions, arm_corners, inside_arm
 from akm_fg.arm.description import ArmDescription, franka_description
 from akm_fg.arm.kinematics import Q_HOME, FrankaKinematics
@@ -35,11 +35,10 @@ def elsewhere(tmp_path: Path) -> ArmDescription:
 
 
 def without_default(monkeypatch: pytest.MonkeyPatch) -> None:
-    def nowhere() -> ArmDescription:
-        raise AssertionError("the given description was not handed on")
+    def nowhere(name: str) -> None:
+        raise AssertionError(f"{name}: the given description was not handed on")
 
-    for module in (collision, kinematics, silhouette):
-        monkeypatch.setattr(module, "franka_description", nowhere)
+    monkeypatch.setattr(importlib.util, "find_spec", nowhere)
 
 
 def numbers(arm: ArmDescription | None) -> list[np.ndarray]:

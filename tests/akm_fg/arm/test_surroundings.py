@@ -2,10 +2,8 @@ from __future__ import annotations
 
 import gtsam
 import numpy as np
-import pytest
 from numpy.testing import assert_allclose
 
-from akm_fg.arm import surroundings
 from akm_fg.arm.description import ArmDescription, franka_description
 from akm_fg.arm.kinematics import Q_HOME
 from akm_fg.arm.obstacle_map import MapConfig, ObstacleMap
@@ -21,7 +19,7 @@ FRAME = RgbdFrame(
 )
 
 
-def test_the_finer_map_is_about_the_grasp(monkeypatch: pytest.MonkeyPatch):
+def test_the_finer_map_is_about_the_grasp():
     """One map of the whole when the frame comes, a finer one for each grasp."""
     asked: list[MapConfig] = []
 
@@ -36,9 +34,8 @@ def test_the_finer_map_is_about_the_grasp(monkeypatch: pytest.MonkeyPatch):
         asked.append(config)
         return ObstacleMap(np.empty((0, 3)), np.empty(0, dtype=bool), config.voxel_m)
 
-    monkeypatch.setattr(surroundings, "map_from_frame", mapped)
     arm, config = franka_description(), AroundConfig()
-    scene = KnownScene(-0.3, description=arm)
+    scene = KnownScene(-0.3, description=arm, make_map=mapped)
     scene.see(FRAME, Q_HOME)
     at = np.array([0.6, -0.2, 0.4])
     around = scene.around(gtsam.Pose3(gtsam.Rot3(), at), 0.02)

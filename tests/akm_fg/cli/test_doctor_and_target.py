@@ -1,5 +1,6 @@
 """`akm-fg doctor`, and targets as people write them."""
 
+import importlib.util
 import json
 
 import numpy as np
@@ -43,10 +44,10 @@ def test_doctor_says_where_the_arm_is_described(monkeypatch, capfd):
     assert main(["doctor", "--json", "-"]) == 0
     report = json.loads(capfd.readouterr().out.splitlines()[-1])
     assert report["arm_description"].endswith("franka_panda/panda.urdf")
-    monkeypatch.setattr("akm_fg.arm.description.DATA_PACKAGE", "no_such_data")
+    monkeypatch.setattr(importlib.util, "find_spec", lambda name: None)
     assert main(["doctor"]) == 0
     shown = " ".join(capfd.readouterr().out.split())
-    assert "described by: none: the Franka's URDF comes with no_such_data" in shown
+    assert "described by: none: the Franka's URDF comes with pybullet_data" in shown
     assert "install akm-fg[sim], or hand in" in shown
 
 
