@@ -6,15 +6,15 @@ arm fit by shape alone, so that a real one can too.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator
+from dataclasses import dataclass
 from typing import Protocol
 
 import gtsam
+import numpy as np
+from numpy.typing import NDArray
 
-from akm_fg.records import BoolArray, FloatArray, PixelTracks, RgbdFrame, TimedPath
-
-NewQueries = Callable[[int, FloatArray], FloatArray]
-"""(number of a frame, pixels (M, 2) that are followed in it) -> more pixels (K, 2) to follow."""
+from akm_fg.records import BoolArray, FloatArray, RgbdFrame, TimedPath
 
 
 class Camera(Protocol):
@@ -82,24 +82,54 @@ class ObjectSegmenter(Protocol):
         ...
 
 
-class PointTracker(Protocol):
-    """Follows given pixels through a clip.
+@dataclass(frozen=True, slots=True)
+class SeenPixels:
+    """The followed points that one frame shows."""
 
-    Returns exactly the queried points in the given order, then those asked for on the way; where
-    a point is lost, `visible` is False, `uv` and `cov_px2` are NaN.
-    """
+    index: NDArray[np.int_]  # (M,) growing: points are numbered as they were given
+    uv: FloatArray  # (M, 2), x right, y down, pixel centres at integers
+    cov_px2: FloatArray  # (M, 2, 2) of uv: long along an edge, where a point may slip
 
-    def track(
-        self,
-        frames: Sequence[RgbdFrame],
-        queries_uv: FloatArray,
-        query_frames: Sequence[int],
-        new_queries: NewQueries | None = None,
-    ) -> PixelTracks:
-        """Tracks of N pixels (N, 2), each starting in its frame of `query_frames` (N,).
+    def __post_init__(self) -> None:
+        m = len(self.index)
+        if self.uv.shape != (m, 2) or self.cov_px2.shape != (m, 2, 2):
+            raise ValueError(f"{m} points, but uv {self.uv.shape}, cov_px2 {self.cov_px2.shape}")
 
-        Frames before the start are lost (not tracked backwards). `new_queries` is asked in every
-        frame, in their order, for pixels to follow from that frame on: where what is followed
-        decides what else to follow, one pass through the clip does.
+    @staticmethod
+    def none() -> SeenPixels:
+        """No point at all."""
+        return SeenPixels(np.zeros(0, dtype=int), np.zeros((0, 2)), np.zeros((0, 2, 2)))
+
+    def joined(self, other: SeenPixels) -> SeenPixels:
+        """These points, and then the others."""
+        return SeenPixels(
+            np.concatenate([self.index, other.index]),
+            np.concatenate([self.uv, other.uv]),
+            np.concatenate([self.cov_px2, other.cov_px2]),
+        )
+
+
+class TrackingSession(Protocol):
+    """Points followed through one stream of frames. What a frame shows is never taken back."""
+
+    def advance(self, frame: RgbdFrame) -> SeenPixels:
+        """Find the points in the next frame. Those that are not seen in it are left out."""
+        ...
+
+    def follow(self, uv: FloatArray) -> SeenPixels:
+        """Follow pixels (K, 2) of the last frame too, from there on.
+
+        Returns these points in that frame: all of them, at these pixels, in this order.
+
+        Raises:
+            ValueError: no frame yet, or a pixel outside the image.
         """
+        ...
+
+
+class PointTracker(Protocol):
+    """Follows pixels from frame to frame; frames are shown once, in the order of their time."""
+
+    def begin(self) -> TrackingSession:
+        """Start on a new stream, without a memory of others."""
         ...

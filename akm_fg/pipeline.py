@@ -24,7 +24,8 @@ from akm_fg.perception.change.depth_change import explained_share
 from akm_fg.perception.change.depth_motion import DepthMotion, depth_motion
 from akm_fg.perception.config import PerceptionConfig
 from akm_fg.perception.moving_part.following import following
-from akm_fg.perception.observe import ObservedMotion, observe_motion
+from akm_fg.perception.observe import observe_motion
+from akm_fg.perception.observed import ObservedMotion
 from akm_fg.perception.surface.changed_surface import ChangedSurface
 from akm_fg.perception.surface.part_surface import PartSurface
 from akm_fg.posterior import ArticulationPosterior
@@ -63,8 +64,7 @@ def fit_recording(
     config = perception or PerceptionConfig()
     settings = ModelSettings(config, fit_config or FitConfig(), sources, states, seed)
     began = time.perf_counter()
-    rng = np.random.default_rng(seed)
-    observed = observe_motion(recording, config.observe, rng, stages.segmenter, stages.tracker)
+    observed = observe_motion(recording, config.observe, seed, stages.segmenter, stages.tracker)
     seen = time.perf_counter()
     fit = (stages.estimator or estimate_joint)(recording, observed, settings)
     return replace(fit, posterior=replace(fit.posterior, time_s=_times(began, seen)))

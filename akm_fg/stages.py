@@ -13,7 +13,7 @@ from akm_fg.estimation.config import FitConfig
 from akm_fg.estimation.sources.state_knowledge import StateKnowledge
 from akm_fg.interfaces import ObjectSegmenter, PointTracker
 from akm_fg.perception.config import PerceptionConfig
-from akm_fg.perception.observe import ObservedMotion
+from akm_fg.perception.observed import ObservedMotion
 from akm_fg.posterior import ArticulationPosterior
 from akm_fg.records import Recording
 

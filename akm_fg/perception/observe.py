@@ -1,25 +1,26 @@
-"""From a recording to tracks in space that say what moved."""
+"""From frames to tracks in space that say what moved."""
 
 from __future__ import annotations
 
 import logging
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
 
-from akm_fg.errors import TracksLost
-from akm_fg.interfaces import ObjectSegmenter, PointTracker
+from akm_fg.interfaces import ObjectSegmenter, PointTracker, SeenPixels
 from akm_fg.perception.depth.depth_noise import DepthNoiseModel
 from akm_fg.perception.depth.object_mask import DepthObjectSegmenter, DepthSegmenterConfig
+from akm_fg.perception.depth.object_now import ObjectNowConfig, object_now
+from akm_fg.perception.kept_frames import KeptFrames, KeptFramesConfig
 from akm_fg.perception.moving_part.motion_config import MotionSegmentationConfig
-from akm_fg.perception.moving_part.motion_segmentation import (
-    MotionSegmentation,
-    segment_motion,
-)
+from akm_fg.perception.moving_part.motion_segmentation import segment_motion
+from akm_fg.perception.observed import ObservedMotion
 from akm_fg.perception.tracking.flow_tracker import FlowTracker, FlowTrackerConfig
 from akm_fg.perception.tracking.lifting import LiftingConfig, lift
-from akm_fg.perception.tracking.seeding import SeedingConfig, track_object
-from akm_fg.records import BoolArray, FloatArray, PixelTracks, PointTracks, Recording
+from akm_fg.perception.tracking.seeding import SeedingConfig, SeedingSchedule, seed_points
+from akm_fg.perception.tracking.track_store import Frames, SeenPoints, TrackStore
+from akm_fg.records import BoolArray, FloatArray, Recording, RgbdFrame
 
 log = logging.getLogger(__name__)
 
@@ -30,95 +31,149 @@ class ObserveConfig:
 
     noise: DepthNoiseModel = field(default_factory=DepthNoiseModel)
     mask: DepthSegmenterConfig = field(default_factory=DepthSegmenterConfig)
+    mask_later: ObjectNowConfig = field(default_factory=ObjectNowConfig)
     seeding: SeedingConfig = field(default_factory=SeedingConfig)
     tracker: FlowTrackerConfig = field(default_factory=FlowTrackerConfig)
     lifting: LiftingConfig = field(default_factory=LiftingConfig)
     motion: MotionSegmentationConfig = field(default_factory=MotionSegmentationConfig)
-    reseed_times: int = 3  # spread over the clip: each costs a mask; more find little new
+    kept: KeptFramesConfig = field(default_factory=KeptFramesConfig)
 
 
-@dataclass(frozen=True, slots=True)
-class ObservedMotion:
-    """What was seen of the object: N tracks over the T frames of the recording."""
+class MotionObserver:
+    """Watches an object frame by frame, and says at any time what of it moved.
 
-    tracks: PointTracks  # all; world frame
-    pixels: PixelTracks  # the same, in the image
-    segmentation: MotionSegmentation
-    object_mask: BoolArray  # (H, W) in the first frame
+    A frame is looked at once, when it comes; what comes later changes nothing of what was seen in
+    it. So a recording that is watched to its end and a stream that has got as far tell the same.
 
-    @property
-    def moving_tracks(self) -> PointTracks:
-        """The tracks of the moving part."""
-        return self.tracks.select(self.segmentation.moving)
+    Args:
+        config: tuning.
+        seed: of what is sampled.
+        segmenter: finds the object in the first frame, if that comes without a mask.
+        tracker: follows the points.
+    """
+
+    def __init__(
+        self,
+        config: ObserveConfig | None = None,
+        seed: int = 0,
+        segmenter: ObjectSegmenter | None = None,
+        tracker: PointTracker | None = None,
+    ) -> None:
+        self.config = config = config or ObserveConfig()
+        self._segmenter = segmenter or DepthObjectSegmenter(config.mask, config.noise)
+        self._session = (tracker or FlowTracker(config.tracker)).begin()
+        self._schedule = SeedingSchedule(config.seeding)
+        self._seed, self._rng = seed, np.random.default_rng(seed)
+        self._first: RgbdFrame | None = None
+        self._mask: BoolArray | None = None  # (H, W) the object in the first frame
+        self._hands: list[FloatArray] = []  # (3,) each, NaN where it is not known to hold
+        self.store = TrackStore()
+        self.kept = KeptFrames(config.kept)
+
+    def watch(
+        self,
+        frame: RgbdFrame,
+        object_mask: BoolArray | None = None,
+        hand_world: FloatArray | None = None,
+    ) -> SeenPoints:
+        """Follow the object into the next frame.
+
+        Args:
+            frame: of a camera that stands still.
+            object_mask: (H, W) the object in it, where that is known.
+            hand_world: (3,) where the gripper is, while it holds the part.
+
+        Raises:
+            TracksLost: no object is seen in the first frame; the next one is the first again.
+        """
+        if self._mask is None:
+            mask = self._segmenter.segment(frame) if object_mask is None else object_mask
+            self._first, self._mask = frame, mask
+        pixels = self._session.advance(frame)
+        if self._schedule.due(len(pixels.index)):
+            pixels = self._seeded(frame, object_mask, pixels)
+        seen = lift(pixels, frame, self.config.noise, self.config.lifting)
+        self.store.add(seen)
+        self.kept.add(frame, seen)
+        self._hands.append(np.full(3, np.nan) if hand_world is None else hand_world)
+        return seen
+
+    def _seeded(
+        self, frame: RgbdFrame, object_mask: BoolArray | None, pixels: SeenPixels
+    ) -> SeenPixels:
+        """With new points where the object is and none is followed."""
+        config, mask = self.config, object_mask
+        if mask is None:
+            assert self._first is not None and self._mask is not None
+            mask = object_now(self._first, self._mask, frame, config.noise, config.mask_later)
+        new_uv = seed_points(frame, mask, self._rng, config.seeding, pixels.uv)
+        new = self._session.follow(new_uv)
+        self._schedule.seeded(len(pixels.index) + len(new.index))
+        return pixels.joined(new)
+
+    def observed(self, frames: Frames | None = None) -> ObservedMotion:
+        """What was seen so far; what moved is judged by the frames that are kept.
+
+        That nothing moved, or nothing could be followed, is a result too: see
+        `MotionSegmentation.require_motion`.
+
+        Args:
+            frames: whose tracks are given; all if not said.
+
+        Raises:
+            ValueError: no frame yet.
+        """
+        if self._mask is None:
+            raise ValueError("no frame was watched yet")
+        kept, config = self.kept.numbers, self.config.motion
+        hands = np.array(self._hands)[kept]
+        held = hands if np.isfinite(hands).any() else None
+        rng = np.random.default_rng([self._seed, 1])  # asking does not change what is asked next
+        segmentation = segment_motion(self.store.point_tracks(kept), config, rng, held)
+        log.info(
+            "%d tracks, %d moving, %d static, %d rejected",
+            self.store.points,
+            segmentation.moving.sum(),
+            segmentation.static.sum(),
+            segmentation.rejected.sum(),
+        )
+        tracks, pixels = self.store.point_tracks(frames), self.store.pixel_tracks(frames)
+        return ObservedMotion(tracks, pixels, segmentation, self._mask)
 
 
 def observe_motion(
     recording: Recording,
     config: ObserveConfig | None = None,
-    rng: np.random.Generator | None = None,
+    seed: int = 0,
     segmenter: ObjectSegmenter | None = None,
     tracker: PointTracker | None = None,
 ) -> ObservedMotion:
-    """Find the object, follow points on it, lift them, and tell the moving from the resting.
-
-    That nothing moved, or nothing could be followed, is a result too: see
-    `MotionSegmentation.require_motion`.
+    """Watch a recording to its end: find the object, follow points on it, tell what moved.
 
     Args:
         recording: the clip; its object masks are used where it has them.
         config: tuning.
-        rng: seeds and samples; a fixed one if not given.
+        seed: of what is sampled.
         segmenter: finds the object where the recording has no masks.
         tracker: follows the points.
 
     Raises:
         TracksLost: no object is seen.
     """
-    config = config or ObserveConfig()
-    rng = rng or np.random.default_rng(0)
-    segmenter = segmenter or DepthObjectSegmenter(config.mask, config.noise)
-    tracker = tracker or FlowTracker(config.tracker)
-    masks = _masks(recording, segmenter, config)
-    pixels = track_object(recording.frames, masks, tracker, rng, config.seeding)
-    tracks = lift(pixels, recording.frames, config.noise, config.lifting)
-    segmentation = segment_motion(tracks, config.motion, rng, _hand(recording))
-    log.info(
-        "%s: %d tracks, %d moving, %d static, %d rejected",
-        recording.name,
-        pixels.visible.shape[1],
-        segmentation.moving.sum(),
-        segmentation.static.sum(),
-        segmentation.rejected.sum(),
-    )
-    return ObservedMotion(tracks, pixels, segmentation, masks[0])
+    observer = MotionObserver(config, seed, segmenter, tracker)
+    masks = recording.object_masks or (None,) * len(recording.frames)
+    for frame, mask, hand in zip(recording.frames, masks, hands_of(recording), strict=True):
+        observer.watch(frame, mask, hand)
+    return observer.observed()
 
 
-def _hand(recording: Recording) -> FloatArray | None:
-    """(T, 3) where the gripper is while it holds, NaN in other frames; None if not known."""
-    if recording.T_world_gripper is None or recording.grasp_frames is None:
-        return None
-    first, last = recording.grasp_frames
-    hand_world = np.full((len(recording.frames), 3), np.nan)
-    for t in range(first, last + 1):
-        hand_world[t] = recording.T_world_gripper[t].translation()
-    return hand_world
-
-
-def _masks(
-    recording: Recording, segmenter: ObjectSegmenter, config: ObserveConfig
-) -> dict[int, BoolArray]:
-    """The object in the first frame and in those where new points are set."""
+def hands_of(recording: Recording) -> Sequence[FloatArray | None]:
+    """Where the gripper is in each frame, (3,); None where it is not known to hold."""
     n = len(recording.frames)
-    times = np.unique(np.linspace(0, n - 1, config.reseed_times + 2).astype(int)[:-1])
-    masks: dict[int, BoolArray] = {}
-    for t in (int(t) for t in times):
-        if recording.object_masks is not None:
-            masks[t] = recording.object_masks[t]
-            continue
-        try:
-            masks[t] = segmenter.segment(recording.frames[t])
-        except TracksLost:
-            if t == 0:
-                raise
-            log.warning("%s: the object is not seen in frame %d", recording.name, t)
-    return masks
+    if recording.T_world_gripper is None or recording.grasp_frames is None:
+        return [None] * n
+    first, last = recording.grasp_frames
+    return [
+        pose.translation() if first <= t <= last else None
+        for t, pose in enumerate(recording.T_world_gripper)
+    ]

@@ -11,7 +11,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from akm_fg.perception.observe import ObserveConfig, ObservedMotion, observe_motion
+from akm_fg.perception.observe import ObserveConfig, observe_motion
+from akm_fg.perception.observed import ObservedMotion
 from akm_fg.records import FloatArray, Recording
 from experiments.baselines.clouds import PartCloud, choose_keyframes
 from experiments.baselines.coarse import coarse_estimate
@@ -42,7 +43,7 @@ def paper_stages(recording: Recording, seed: int, starts: int) -> PaperStages:
         ValueError: tracks that the coarse stage cannot work on.
     """
     began = time.perf_counter()
-    observed = observe_motion(recording, rng=np.random.default_rng(seed))
+    observed = observe_motion(recording, seed=seed)
     observed.segmentation.require_motion()
     perception_s = time.perf_counter() - began
     coarse = coarse_estimate(observed.moving_tracks.p_world, seed, CoarseConfig(starts=starts))

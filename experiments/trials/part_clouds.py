@@ -11,7 +11,7 @@ import numpy as np
 
 from akm_fg.perception.depth.depth_noise import DepthNoiseModel
 from akm_fg.perception.moving_part.part_mask import PartMask, propagate_masks
-from akm_fg.perception.observe import ObservedMotion
+from akm_fg.perception.observed import ObservedMotion
 from akm_fg.records import FloatArray, Recording
 from experiments.baselines.clouds import PartCloud, part_cloud
 

@@ -32,7 +32,7 @@ from akm_fg.perception.moving_part.mask_evidence import (
     on_background,
 )
 from akm_fg.perception.moving_part.mask_prior import TrackPriorConfig, nearness
-from akm_fg.perception.observe import ObservedMotion
+from akm_fg.perception.observed import ObservedMotion
 from akm_fg.records import BoolArray, Recording, RgbdFrame
 
 

@@ -11,7 +11,7 @@ from akm_fg.geometry.rigid_motion import RigidMotion
 from akm_fg.perception.depth.depth_noise import DepthNoiseModel
 from akm_fg.perception.depth.depth_planes import DepthPlanesConfig, depth_planes
 from akm_fg.perception.moving_part.part_mask import PartMaskConfig, propagate_masks
-from akm_fg.perception.observe import ObservedMotion
+from akm_fg.perception.observed import ObservedMotion
 from akm_fg.perception.surface.patches import DenseViews, PatchConfig, dense_views
 from akm_fg.records import BoolArray, FloatArray, Recording
 

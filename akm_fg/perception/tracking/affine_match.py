@@ -11,7 +11,7 @@ posterior: where the patch has no texture, the prediction stays and the variance
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields, replace
 
 import cv2
 import numpy as np
@@ -30,6 +30,7 @@ class AffineMatchConfig:
 
     radius_px: int = 7  # 15 x 15 pixels: 3 cm at 1.2 m; larger ones straddle more edges
     iterations: int = 8
+    rest_px: float = 0.01  # a step that moves no pixel of the patch by more ends the iterations
     smooth_px: float = 0.8  # blur before differentiation: widens the basin, tames sampling noise
     image_sigma: float = 2.0  # gray levels; a camera's noise at moderate light, after the blur
     texel_correlation: float = 3.0  # neighbouring residuals share blur and noise: count a third
@@ -55,8 +56,17 @@ class Templates:
 
     def joined(self, other: Templates) -> Templates:
         """These patches, and then the others."""
-        fields = ("patch", "J", "H", "information")
-        return Templates(*(np.concatenate([getattr(self, f), getattr(other, f)]) for f in fields))
+        pairs = ((getattr(self, f.name), getattr(other, f.name)) for f in fields(self))
+        return Templates(*(np.concatenate(pair) for pair in pairs))
+
+    def select(self, rows: NDArray) -> Templates:
+        """Some of the patches."""
+        return Templates(*(getattr(self, f.name)[rows] for f in fields(self)))
+
+    def under_noise(self, gradient_noise: float, config: AffineMatchConfig) -> Templates:
+        """The patches, cut before the noise of their image's gradient was known."""
+        n = self.patch.shape[1]
+        return replace(self, information=_place_information(self.H, n, gradient_noise, config))
 
 
 @dataclass(frozen=True, slots=True)
@@ -91,6 +101,15 @@ def _sample(image: GrayImage, places: FloatArray) -> NDArray[np.float32]:
     return np.asarray(values, dtype=np.float32)
 
 
+def _standing(
+    image: GrayImage, uv: FloatArray, shape: FloatArray, offsets: FloatArray
+) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    """Gray levels (N, P) of patches at their places, mean removed, and their spread (N,)."""
+    seen = _sample(image, uv[:, None] + offsets @ shape.transpose(0, 2, 1))
+    seen -= seen.mean(axis=1, keepdims=True)
+    return seen, np.maximum(seen.std(axis=1), 1e-6)
+
+
 def gradient_noise(a: GrayImage, b: GrayImage) -> float:
     """Standard deviation of the gray gradient by the camera's noise alone, gray levels a pixel.
 
@@ -99,17 +118,6 @@ def gradient_noise(a: GrayImage, b: GrayImage) -> float:
     change = a[::_NOISE_ROWS] - b[::_NOISE_ROWS]
     difference = np.abs(change[:, 2:] - change[:, :-2]) / 2
     return float(np.median(difference)) * _NORMAL_OVER_MEDIAN / np.sqrt(2.0)
-
-
-def empty_templates(n: int, config: AffineMatchConfig) -> Templates:
-    """Room for n patches."""
-    pixels = (2 * config.radius_px + 1) ** 2
-    return Templates(
-        np.zeros((n, pixels), np.float32),
-        np.zeros((n, pixels, 6), np.float32),
-        np.zeros((n, 6, 6)),
-        np.zeros((n, 2, 2)),
-    )
 
 
 def cut_templates(
@@ -200,34 +208,37 @@ def match(
     """
     patch, J, H = templates.patch[index], templates.J[index], templates.H[index]
     offsets, spread = _offsets(config), np.maximum(patch.std(axis=1), 1e-6)
-    u0, A0 = uv, shape
     weight = 1 / (config.image_sigma**2 * config.texel_correlation)
     precision_u = np.linalg.inv(prior_cov_px2)
     precision_a = 1 / config.shape_sigma**2
-    correlation = np.zeros(len(index))
-    for i in range(config.iterations + 1):
-        seen = _sample(image, uv[:, None] + offsets @ shape.transpose(0, 2, 1))
-        seen -= seen.mean(axis=1, keepdims=True)
-        seen_spread = np.maximum(seen.std(axis=1), 1e-6)
-        correlation = (seen * patch).mean(axis=1) / (spread * seen_spread)
-        if i == config.iterations:
+    uv, shape = uv.copy(), shape.copy()
+    u0, A0 = uv.copy(), shape.copy()
+    going = np.arange(len(index))  # those that have not come to rest
+    for _ in range(config.iterations):
+        if not going.size:
             break
-        error = seen * (spread / seen_spread)[:, None] - patch
+        A = shape[going]
+        seen, seen_spread = _standing(image, uv[going], A, offsets)
+        error = seen * (spread[going] / seen_spread)[:, None] - patch[going]
         # Prior terms: to first order the warp becomes shape - shape D, uv - shape d.
-        At = shape.transpose(0, 2, 1)
-        AtA = At @ shape
-        M = weight * H
+        At = A.transpose(0, 2, 1)
+        AtA, held = At @ A, At @ precision_u[going]
+        M = weight * H[going]
         M[:, :2, :2] += precision_a * AtA[:, :1, :1] * np.eye(2)
         M[:, 2:4, 2:4] += precision_a * AtA[:, 1:, 1:] * np.eye(2)
-        M[:, 4:, 4:] += At @ precision_u @ shape
-        b = weight * (J.transpose(0, 2, 1) @ error[..., None])[..., 0]
-        b[:, :4] += precision_a * (At @ (shape - A0)).reshape(-1, 4)
-        b[:, 4:] += (At @ precision_u @ (uv - u0)[..., None])[..., 0]
+        M[:, 4:, 4:] += held @ A
+        b = weight * (J[going].transpose(0, 2, 1) @ error[..., None])[..., 0]
+        b[:, :4] += precision_a * (At @ (A - A0[going])).reshape(-1, 4)
+        b[:, 4:] += (held @ (uv[going] - u0[going])[..., None])[..., 0]
         d = np.linalg.solve(M, b[..., None])[..., 0]
         d[:, 4:] = np.clip(d[:, 4:], -2, 2)  # a longer step leaves the linear range
         D = np.clip(d[:, :4], -0.2, 0.2).reshape(-1, 2, 2)
-        shape = shape @ np.linalg.inv(np.eye(2) + D)
-        uv = uv - (shape @ d[:, 4:, None])[..., 0]
+        shape[going] = A = A @ np.linalg.inv(np.eye(2) + D)
+        uv[going] -= (A @ d[:, 4:, None])[..., 0]
+        step_px = np.abs(d) * ([config.radius_px] * 4 + [1, 1])
+        going = going[step_px.max(axis=1) > config.rest_px]
+    seen, seen_spread = _standing(image, uv, shape, offsets)
+    correlation = (seen * patch).mean(axis=1) / (spread * seen_spread)
     left = spread**2 * np.clip(1 - correlation**2, 0, 1) / config.image_sigma**2
     misfit = 1 + config.misfit_correlation / config.texel_correlation * np.maximum(left - 1, 0)
     seen_well = place_information(templates, index, shape) / misfit[:, None, None]

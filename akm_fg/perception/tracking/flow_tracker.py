@@ -16,14 +16,13 @@ old place for some frames, which brings resting points back.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from akm_fg.interfaces import NewQueries
+from akm_fg.interfaces import SeenPixels
 from akm_fg.perception.tracking.affine_match import (
     AffineMatchConfig,
     GrayImage,
@@ -35,8 +34,8 @@ from akm_fg.perception.tracking.affine_match import (
     smooth,
 )
 from akm_fg.perception.tracking.dense_flow import DisFlow, Flow, flow_at
-from akm_fg.perception.tracking.tracked_points import Snapshot, TrackedPoints, tracks_of
-from akm_fg.records import BoolArray, FloatArray, PixelTracks, RgbdFrame
+from akm_fg.perception.tracking.tracked_points import TrackedPoints
+from akm_fg.records import BoolArray, FloatArray, RgbdFrame
 
 
 @dataclass(frozen=True, slots=True)
@@ -88,108 +87,118 @@ class FlowTracker:
         """Set the tuning."""
         self.config = config or FlowTrackerConfig()
 
-    def track(
-        self,
-        frames: Sequence[RgbdFrame],
-        queries_uv: FloatArray,
-        query_frames: Sequence[int],
-        new_queries: NewQueries | None = None,
-    ) -> PixelTracks:
-        """Follow pixels (N, 2), each from its frame of `query_frames` (N,) to the end.
+    def begin(self) -> FlowSession:
+        """Start on a new stream."""
+        return FlowSession(self.config)
+
+
+class FlowSession:
+    """A `TrackingSession`; memory is that of the points which are not given up."""
+
+    def __init__(self, config: FlowTrackerConfig) -> None:
+        """Nothing is followed yet."""
+        self._config = config
+        self._flow = DisFlow()
+        self._image: _Image | None = None  # the last frame
+        self._points: TrackedPoints | None = None
+        self._given = 0  # points so far
+        self._noise: float | None = None  # of the gray gradient; two frames tell it
+
+    def advance(self, frame: RgbdFrame) -> SeenPixels:
+        """Carry all points on to the next frame."""
+        before, self._image = self._image, self._prepared(frame)
+        if before is not None and self._noise is None:
+            self._noise = gradient_noise(before.smoothed, self._image.smoothed)
+            if self._points is not None:  # cut from the first frame
+                self._points.templates = self._points.templates.under_noise(
+                    self._noise, self._config.patch
+                )
+        if before is None or self._points is None:
+            return SeenPixels.none()
+        if self._points.index.size:
+            forth, back = self._flow.both(before.gray, self._image.gray)
+            self._carry_on(self._points, before, self._image, forth, back)
+            self._points = self._points.select(self._points.missed <= self._config.max_coast)
+        return self._seen(np.flatnonzero(self._points.alive))
+
+    def follow(self, uv: FloatArray) -> SeenPixels:
+        """Cut templates at pixels (K, 2) of the last frame.
 
         Raises:
-            ValueError: queries outside the images or frames.
+            ValueError: no frame yet, or a pixel outside the image.
         """
-        uv0 = np.asarray(queries_uv, dtype=np.float64).reshape(-1, 2)
-        start = np.asarray(query_frames, dtype=int).reshape(-1)
-        _check(frames, uv0, start)
-        state, snapshots = TrackedPoints.empty(len(uv0), self.config.patch), list[Snapshot]()
-        flow, noise = DisFlow(), self._gradient_noise(frames)
-        before: _Image | None = None
-        first = 0 if new_queries is not None else int(start.min(initial=len(frames)))
-        for t in range(first, len(frames)):
-            image = self._prepared(frames[t])
-            if before is not None and state.alive.size:
-                forth, back = flow.both(before.gray, image.gray)
-                self._advance(state, before, image, forth, back, noise)
-            self._begin(state, np.flatnonzero(start == t), uv0, image, noise)
-            if new_queries is not None:
-                more = new_queries(t, state.uv[state.alive])
-                uv0, start = np.concatenate([uv0, more]), np.append(start, np.full(len(more), t))
-                state = state.joined(TrackedPoints.empty(len(more), self.config.patch))
-                self._begin(state, np.arange(len(uv0) - len(more), len(uv0)), uv0, image, noise)
-            snapshots.append(state.snapshot(t))
-            before = image
-        c = self.config
-        return tracks_of(snapshots, len(frames), len(uv0), c.floor_sigma_px, c.edge_bend_rad)
+        image = self._image
+        if image is None:
+            raise ValueError("no frame yet; expected one to follow points in")
+        uv = np.asarray(uv, dtype=np.float64).reshape(-1, 2)
+        if not _inside(image.frame, uv).all():
+            raise ValueError("a query lies outside the image, or is not finite")
+        if not len(uv):
+            return SeenPixels.none()
+        index = self._given + np.arange(len(uv))
+        self._given += len(uv)
+        depth_m = _depth_around(image.frame, uv, self._config)[0]
+        templates = cut_templates(image.smoothed, uv, self._config.patch, self._noise or 0.0)
+        new = TrackedPoints.at(index, uv, depth_m, templates)
+        self._points = new if self._points is None else self._points.joined(new)
+        rows = self._points.index.size
+        return self._seen(np.arange(rows - len(uv), rows))
 
-    def _gradient_noise(self, frames: Sequence[RgbdFrame]) -> float:
-        """Of the images, from the first two; none from a single one."""
-        if len(frames) < 2:
-            return 0.0
-        a, b = (smooth(frame.rgb, self.config.patch) for frame in frames[:2])
-        return gradient_noise(a, b)
+    def _seen(self, rows: NDArray[np.int_]) -> SeenPixels:
+        """Points of the last frame, with what comes on top of their covariances.
+
+        A floor in every direction; and, as the direction of an edge is known only so well, what
+        has slipped along one may be off across it, too.
+        """
+        s, c = self._points, self._config
+        assert s is not None
+        cov = s.cov[rows] + s.anchor_cov[rows]
+        along = np.linalg.eigvalsh(cov)[:, 1]
+        every = c.floor_sigma_px**2 + c.edge_bend_rad**2 * along
+        return SeenPixels(s.index[rows], s.uv[rows], cov + every[:, None, None] * np.eye(2))
 
     def _prepared(self, frame: RgbdFrame) -> _Image:
         gray = np.asarray(cv2.cvtColor(frame.rgb, cv2.COLOR_RGB2GRAY), dtype=np.uint8)
-        return _Image(frame, gray, smooth(frame.rgb, self.config.patch))
+        return _Image(frame, gray, smooth(frame.rgb, self._config.patch))
 
-    def _begin(
-        self, s: TrackedPoints, new: NDArray[np.int_], uv0: FloatArray, image: _Image, noise: float
+    def _carry_on(
+        self, s: TrackedPoints, before: _Image, image: _Image, forth: Flow, back: Flow
     ) -> None:
-        """Start points (indices) at their queries."""
-        if not new.size:
-            return
-        s.uv[new], s.shape[new] = uv0[new], np.eye(2)
-        s.cov[new], s.anchor_cov[new] = 0.0, 0.0
-        s.depth_m[new] = _depth_around(image.frame, uv0[new], self.config)[0]
-        s.alive[new], s.begun[new], s.missed[new] = True, True, 0
-        s.templates.put(new, cut_templates(image.smoothed, uv0[new], self.config.patch, noise))
-
-    def _advance(
-        self, s: TrackedPoints, before: _Image, image: _Image, forth: Flow, back: Flow, noise: float
-    ) -> None:
-        """Carry all points that are not given up from the last frame to this one."""
-        c = self.config
-        tried = np.flatnonzero(s.begun & (s.missed <= c.max_coast))
-        if not tried.size:
-            return
-        was_seen = s.alive[tried]
-        step = np.where(was_seen[:, None], flow_at(forth, s.uv[tried]), 0.0)
-        predicted = s.uv[tried] + step
+        """Find all points again, from the last frame to this one."""
+        c = self._config
+        was_seen, every = s.alive, np.arange(s.index.size)
+        step = np.where(was_seen[:, None], flow_at(forth, s.uv), 0.0)
+        predicted = s.uv + step
         gap = np.linalg.norm(step + flow_at(back, predicted), axis=1)
         gap = np.where(was_seen, gap, 0.0)
-        step_cov = self._step_cov(s, tried, step, gap)
-        prior = s.cov[tried] + step_cov
+        step_cov = self._step_cov(s, step, gap)
         least = np.where(was_seen, c.min_correlation, c.sure_correlation)
-        found = self._matched(s, tried, predicted, s.shape[tried], prior, least, image)
+        found = self._matched(s, every, predicted, s.shape, s.cov + step_cov, least, image)
         anew = np.flatnonzero(~found.fits & was_seen & (gap < c.max_return_px))
         if anew.size:
-            self._anchor_anew(s, tried[anew], before, noise)
+            self._anchor_anew(s, anew, before)
             flat = np.tile(np.eye(2), (anew.size, 1, 1))
             again = self._matched(
-                s, tried[anew], predicted[anew], flat, step_cov[anew], least[anew], image
+                s, anew, predicted[anew], flat, step_cov[anew], least[anew], image
             )
             for name in ("uv", "shape", "cov", "fits"):
                 getattr(found, name)[anew] = getattr(again, name)
-        self._accept(s, tried, found, image.frame)
+        self._accept(s, found, image.frame)
 
-    def _step_cov(
-        self, s: TrackedPoints, tried: NDArray[np.int_], step: FloatArray, gap: FloatArray
-    ) -> FloatArray:
+    def _step_cov(self, s: TrackedPoints, step: FloatArray, gap: FloatArray) -> FloatArray:
         """Covariance (N, 2, 2) of the flow's step: larger where the patch leaves it open.
 
         Along an edge flow errs the same way step after step: there standard deviations add up.
         Points that were not seen in the last frame may have gone any way along theirs.
         """
-        c = self.config
+        c, every = self._config, np.arange(s.index.size)
         length = np.linalg.norm(step, axis=1)
-        slipped = np.sqrt(np.linalg.eigvalsh(s.cov[tried])[:, 1])
+        slipped = np.sqrt(np.linalg.eigvalsh(s.cov)[:, 1])
         slip = c.slip_share * length
         slip2 = np.maximum(slip * (slip + 2 * slipped), c.flow_sigma_px**2)
-        slip2 = np.where(s.alive[tried], slip2, c.max_slip_px**2)
+        slip2 = np.where(s.alive, slip2, c.max_slip_px**2)
         open_cov = np.linalg.inv(
-            place_information(s.templates, tried, s.shape[tried]) + np.eye(2) / slip2[:, None, None]
+            place_information(s.templates, every, s.shape) + np.eye(2) / slip2[:, None, None]
         )
         flow2 = c.flow_sigma_px**2 + (c.flow_share * length) ** 2 + gap**2
         return np.asarray(open_cov + flow2[:, None, None] * np.eye(2))
@@ -205,61 +214,36 @@ class FlowTracker:
         image: _Image,
     ) -> _Found:
         """Points found by their templates."""
-        c = self.config
+        c = self._config
         m = match(image.smoothed, s.templates, index, predicted, shape, prior, c.patch)
         shift = np.linalg.norm(m.uv - predicted, axis=1)
         fits = (m.correlation > least_correlation) & (shift < c.max_shift_px)
         return _Found(m.uv, m.shape, m.cov_px2, fits)
 
-    def _anchor_anew(
-        self, s: TrackedPoints, index: NDArray[np.int_], before: _Image, noise: float
-    ) -> None:
+    def _anchor_anew(self, s: TrackedPoints, index: NDArray[np.int_], before: _Image) -> None:
         """Take the patches of the last frame as the points' templates.
 
         They tell no more of the place than the patches before them: what has come in since, as
         the hand or a shadow, is not on the surface.
         """
         told = place_information(s.templates, index, s.shape[index])
-        new = cut_templates(before.smoothed, s.uv[index], self.config.patch, noise)
+        new = cut_templates(before.smoothed, s.uv[index], self._config.patch, self._noise or 0.0)
         s.templates.put(index, replace(new, information=no_more_than(new.information, told)))
         s.anchor_cov[index] += s.cov[index]
         s.cov[index] = 0.0
 
-    def _accept(
-        self,
-        s: TrackedPoints,
-        tried: NDArray[np.int_],
-        found: _Found,
-        frame: RgbdFrame,
-    ) -> None:
+    def _accept(self, s: TrackedPoints, found: _Found, frame: RgbdFrame) -> None:
         """Keep what was found and can be true; the others are missed in this frame."""
-        c = self.config
+        c = self._config
         depth_m, known = _depth_around(frame, found.uv, c)
-        limit = np.where(s.alive[tried], c.max_depth_jump_m, c.max_moved_back_m)
-        jumped = np.abs(depth_m - s.depth_m[tried]) > limit
-        variance = np.linalg.eigvalsh(found.cov + s.anchor_cov[tried])
+        limit = np.where(s.alive, c.max_depth_jump_m, c.max_moved_back_m)
+        jumped = np.abs(depth_m - s.depth_m) > limit
+        variance = np.linalg.eigvalsh(found.cov + s.anchor_cov)
         sure = (variance[:, 0] < c.max_sigma_px**2) & (variance[:, 1] < c.max_slip_px**2)
         good = found.fits & (known >= c.min_known) & ~jumped & _inside(frame, found.uv) & sure
-        kept = tried[good]
-        s.uv[kept], s.shape[kept], s.cov[kept] = (
-            found.uv[good],
-            found.shape[good],
-            found.cov[good],
-        )
-        s.depth_m[kept] = np.where(np.isfinite(depth_m[good]), depth_m[good], s.depth_m[kept])
-        s.alive[tried] = good
-        s.missed[tried] = np.where(good, 0, s.missed[tried] + 1)
-
-
-def _check(frames: Sequence[RgbdFrame], uv: FloatArray, start: NDArray) -> None:
-    if len(start) != len(uv):
-        raise ValueError(f"{len(uv)} queries, but {len(start)} query frames")
-    if len(uv) == 0:
-        return
-    if start.min() < 0 or start.max() >= len(frames):
-        raise ValueError(f"query frames {start.min()}..{start.max()}, frames 0..{len(frames) - 1}")
-    if not _inside(frames[0], uv).all():
-        raise ValueError("a query lies outside the image, or is not finite")
+        s.uv[good], s.shape[good], s.cov[good] = found.uv[good], found.shape[good], found.cov[good]
+        s.depth_m[good] = np.where(np.isfinite(depth_m[good]), depth_m[good], s.depth_m[good])
+        s.missed = np.where(good, 0, s.missed + 1)
 
 
 def _inside(frame: RgbdFrame, uv: FloatArray) -> BoolArray:

@@ -13,13 +13,14 @@ surface, so pixel noise moves the point along it; depth noise moves it along the
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
+from akm_fg.interfaces import SeenPixels
 from akm_fg.perception.depth.depth_noise import DepthNoiseModel
-from akm_fg.records import BoolArray, FloatArray, PixelTracks, PointTracks, RgbdFrame
+from akm_fg.perception.tracking.track_store import SeenPoints
+from akm_fg.records import BoolArray, FloatArray, RgbdFrame
 
 
 @dataclass(frozen=True, slots=True)
@@ -90,54 +91,42 @@ def _fit(
     per_px = config.max_slope / fx * middle  # d (1/z) / d px of the steepest plane
     reach = per_px * np.abs(A[..., 1:]).max(axis=-1) + gate_m * middle**2
     keep = known & (np.abs(inverse - middle) <= reach)
-    plane = np.zeros((len(A), 3))
+    plane: FloatArray = np.zeros((len(A), 3, 1))
     for last in (False, False, True):
-        w = keep.astype(float)
-        AtA = np.einsum("nwi,nw,nwj->nij", A, w, A) + 1e-9 * np.eye(3)
-        Atb = np.einsum("nwi,nw,nw->ni", A, w, inverse)
-        plane = np.linalg.solve(AtA, Atb[..., None])[..., 0]
-        residual = np.abs(np.einsum("nwi,ni->nw", A, plane) - inverse)
+        At = np.where(keep[..., None], A, 0.0).transpose(0, 2, 1)
+        normal = At @ A + 1e-9 * np.eye(3)
+        plane = np.asarray(np.linalg.solve(normal, At @ inverse[..., None]), dtype=np.float64)
+        residual = np.abs((A @ plane)[..., 0] - inverse)
         if not last:  # first shed the far half of gross outliers, then what the gate excludes
             kept = np.sort(np.where(keep, residual, np.inf), axis=1)
             middle_rank = np.maximum(keep.sum(axis=1) - 1, 0)[:, None] // 2
             spread = np.take_along_axis(kept, middle_rank, axis=1)  # inf where none is kept
             keep = known & (residual <= np.maximum(3 * spread, gate_m * middle**2))
     agree = (known & (residual <= gate_m * middle**2)).sum(axis=1)
-    return plane, np.asarray(agree, dtype=np.float64)
+    return plane[..., 0], np.asarray(agree, dtype=np.float64)
 
 
 def lift(
-    tracks: PixelTracks,
-    frames: Sequence[RgbdFrame],
+    seen: SeenPixels,
+    frame: RgbdFrame,
     noise: DepthNoiseModel,
     config: LiftingConfig | None = None,
-) -> PointTracks:
-    """Points and covariances in the world frame of pixel tracks.
+) -> SeenPoints:
+    """Points and covariances in the world frame of the pixels that a frame shows.
 
     Args:
-        tracks: N pixels in T frames.
-        frames: the T frames.
+        seen: M pixels in the frame.
+        frame: its depth.
         noise: what the depth camera is assumed to do.
         config: tuning of the local plane fit.
-
-    Raises:
-        ValueError: tracks and frames differ in number.
     """
     config = config or LiftingConfig()
-    T, N = tracks.visible.shape
-    if len(frames) != T:
-        raise ValueError(f"tracks over {T} frames, but {len(frames)} frames")
-    p_world, cov_world = np.full((T, N, 3), np.nan), np.full((T, N, 3, 3), np.nan)
-    for t, frame in enumerate(frames):
-        seen = np.flatnonzero(tracks.visible[t])
-        uv, cov_px2 = tracks.uv[t, seen], tracks.cov_px2[t, seen]
-        local = local_depth(frame, uv, noise, config)
-        p_cam = frame.camera.back_project(uv, local.depth_m)
-        cov_cam = _covariance(frame, p_cam, local, cov_px2, noise, config)
-        R = frame.T_world_cam.rotation().matrix()
-        p_world[t, seen] = p_cam @ R.T + frame.T_world_cam.translation()
-        cov_world[t, seen] = R @ cov_cam @ R.T
-    return PointTracks(p_world, cov_world)
+    local = local_depth(frame, seen.uv, noise, config)
+    p_cam = frame.camera.back_project(seen.uv, local.depth_m)
+    cov_cam = _covariance(frame, p_cam, local, seen.cov_px2, noise, config)
+    R = frame.T_world_cam.rotation().matrix()
+    p_world = p_cam @ R.T + frame.T_world_cam.translation()
+    return SeenPoints(seen, p_world, R @ cov_cam @ R.T)
 
 
 def _covariance(

@@ -1,17 +1,15 @@
-"""Chooses which pixels of the object to follow, and new ones where old ones are gone."""
+"""Chooses which pixels of the object to follow, and when to look for more."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from akm_fg.interfaces import PointTracker
 from akm_fg.perception.depth.depth_edges import near_depth_edge
-from akm_fg.records import BoolArray, FloatArray, PixelTracks, RgbdFrame
+from akm_fg.records import BoolArray, FloatArray, RgbdFrame
 
 SOBEL_GAIN = 8.0  # of the 3 x 3 operator: gray levels a pixel
 CORNER_WINDOW_PX = 7
@@ -30,7 +28,9 @@ class SeedingConfig:
     edge_m: float = 0.02  # depth step that counts as an edge
     max_slope: float = 3.0  # tangent between ray and normal, 72 deg: steeper ones cannot be lifted
     min_corner: float = 0.1  # smaller eigenvalue of the mean gradient tensor, (gray levels / px)^2
-    min_frames_left: int = 3  # a track that starts later says nothing about motion
+    reseed_gap: int = 4  # frames at least between seeds: each costs as much as following them
+    reseed_growth: float = 0.5  # of the frames so far, after which new ones are set in any case
+    reseed_lost: float = 0.2  # of the points, that calls for new ones
 
 
 def _seedable(frame: RgbdFrame, mask: BoolArray, config: SeedingConfig) -> BoolArray:
@@ -117,34 +117,28 @@ def _distance_to(uv: FloatArray, size: tuple[int, ...]) -> NDArray[np.float32]:
     return np.asarray(cv2.distanceTransform(elsewhere, cv2.DIST_L2, 5), dtype=np.float32)
 
 
-def track_object(
-    frames: Sequence[RgbdFrame],
-    masks: Mapping[int, BoolArray],
-    tracker: PointTracker,
-    rng: np.random.Generator,
-    config: SeedingConfig | None = None,
-) -> PixelTracks:
-    """Follow the object through a clip, with new seeds where it is not covered.
+class SeedingSchedule:
+    """In which frames new points are set: in the first, then as time goes on or points are lost.
 
-    Args:
-        frames: the clip.
-        masks: the object (H, W) by frame number; seeds are set in these frames. The first of
-            them seeds the whole object, each later one what no track covers there.
-        tracker: the backend.
-        rng: shifts the grids.
-        config: number and distances.
-
-    Raises:
-        ValueError: no mask, or one of a frame that is not there.
+    It looks back only, so that a stream and a recording seed the same frames.
     """
-    config = config or SeedingConfig()
-    if not masks or min(masks) < 0 or max(masks) >= len(frames):
-        raise ValueError(f"masks for frames {sorted(masks)}, expected some of 0..{len(frames) - 1}")
-    first = min(masks)
 
-    def new_queries(t: int, taken_uv: FloatArray) -> FloatArray:
-        if t not in masks or (t > first and len(frames) - t < config.min_frames_left):
-            return np.empty((0, 2))
-        return seed_points(frames[t], masks[t], rng, config, taken_uv)
+    def __init__(self, config: SeedingConfig) -> None:
+        """No frame yet."""
+        self._config = config
+        self._frames = 0
+        self._last, self._seen_then = 0, 0  # frame of the last seeds, and points seen after it
 
-    return tracker.track(frames, np.empty((0, 2)), [], new_queries)
+    def due(self, seen: int) -> bool:
+        """Whether to set points in the next frame, in which so many are seen already."""
+        c, t = self._config, self._frames
+        self._frames += 1
+        if t == 0:
+            return True
+        grown = t - self._last >= max(c.reseed_gap, c.reseed_growth * self._last)
+        few = t - self._last >= c.reseed_gap and seen < (1 - c.reseed_lost) * self._seen_then
+        return grown or few
+
+    def seeded(self, seen: int) -> None:
+        """Points were set in this frame; so many are seen in it now."""
+        self._last, self._seen_then = self._frames - 1, seen

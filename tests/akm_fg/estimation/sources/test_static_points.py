@@ -11,7 +11,7 @@ from akm_fg.estimation.fit import fit_tracks
 from akm_fg.estimation.sources.source import NoiseLevel
 from akm_fg.estimation.sources.static_points import StaticPoints
 from akm_fg.perception.moving_part.motion_segmentation import MotionSegmentation
-from akm_fg.perception.observe import ObservedMotion
+from akm_fg.perception.observed import ObservedMotion
 from akm_fg.pipeline import knowledge_of
 from akm_fg.records import PinholeCamera, PixelTracks, PointTracks, Recording, RgbdFrame
 

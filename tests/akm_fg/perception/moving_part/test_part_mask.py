@@ -11,7 +11,8 @@ from akm_fg.geometry.rigid_motion import RigidMotion
 from akm_fg.perception.depth.depth_noise import DepthNoiseModel
 from akm_fg.perception.moving_part.motion_segmentation import MotionSegmentation
 from akm_fg.perception.moving_part.part_mask import propagate_masks
-from akm_fg.perception.observe import ObservedMotion, observe_motion
+from akm_fg.perception.observe import observe_motion
+from akm_fg.perception.observed import ObservedMotion
 from akm_fg.records import PinholeCamera, PixelTracks, PointTracks, Recording, RgbdFrame
 
 BODY, PART, ROBOT = 1, 2, 3

@@ -7,6 +7,7 @@ import gtsam
 import numpy as np
 import pytest
 
+from akm_fg.interfaces import SeenPixels
 from akm_fg.perception.depth.depth_noise import DepthNoiseModel
 from akm_fg.perception.tracking import flow_tracker
 from akm_fg.perception.tracking.affine_match import (
@@ -16,9 +17,10 @@ from akm_fg.perception.tracking.affine_match import (
     no_more_than,
     smooth,
 )
+from akm_fg.perception.tracking.clips import track_clip
 from akm_fg.perception.tracking.flow_tracker import FlowTracker
 from akm_fg.perception.tracking.lifting import lift
-from akm_fg.perception.tracking.seeding import SeedingConfig, seed_points, track_object
+from akm_fg.perception.tracking.seeding import SeedingConfig, seed_points
 from akm_fg.records import PinholeCamera, PixelTracks, RgbdFrame
 
 CAMERA = PinholeCamera(160, 120, 150.0, 150.0, 79.5, 59.5)
@@ -60,7 +62,7 @@ def followed(request: pytest.FixtureRequest) -> tuple[list[RgbdFrame], PixelTrac
     along_edge = np.linspace(-12.0, 12.0, 7)[:, None] * ALONG
     spots = ON_SPOT + np.array([[-6.0, 0.0], [0.0, 0.0], [5.0, 4.0]])
     uv = np.rint(np.concatenate([ON_EDGE + along_edge, spots]))
-    return frames, FlowTracker().track(frames, uv, [0] * len(uv))
+    return frames, track_clip(FlowTracker(), frames, uv, [0] * len(uv))
 
 
 def _errors(tracks: PixelTracks) -> np.ndarray:
@@ -107,7 +109,8 @@ def test_on_texture_both_directions_are_known(followed) -> None:
 
 def test_a_lifted_edge_point_is_vague_along_the_edge_in_space(followed) -> None:
     frames, tracks = followed
-    cov = lift(tracks, frames, DepthNoiseModel()).cov_world[3, :7]
+    seen = SeenPixels(np.arange(7), tracks.uv[3, :7], tracks.cov_px2[3, :7])
+    cov = lift(seen, frames[3], DepthNoiseModel()).cov_world
     along, across = np.append(ALONG, 0.0), np.append(ACROSS, 0.0)
     focal = 150.0  # the panel faces the camera, one metre away
     sd_px = np.sqrt(tracks.cov_px2[3, :7] @ ALONG @ ALONG)
@@ -149,9 +152,14 @@ def test_reseeding_takes_no_flow_twice(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(flow_tracker.DisFlow, "both", counted)
     masks = {t: np.ones((120, 160), bool) for t in (0, 3, 5)}
     masks[0][:, 80:] = False  # the spot is left to later seeds
-    tracks = track_object(frames, masks, FlowTracker(), np.random.default_rng(0))
+    session, rng, begun = FlowTracker().begin(), np.random.default_rng(0), set()
+    for t, frame in enumerate(frames):
+        seen = session.advance(frame)
+        new_uv = seed_points(frame, masks[t], rng, None, seen.uv) if t in masks else []
+        if len(session.follow(np.reshape(new_uv, (-1, 2))).index):
+            begun.add(t)
     assert len(calls) == FRAMES - 1
-    assert set(tracks.visible.argmax(axis=0)) >= {0, 3}
+    assert begun >= {0, 3}
 
 
 def test_a_point_that_may_have_slipped_too_far_is_lost(followed) -> None:

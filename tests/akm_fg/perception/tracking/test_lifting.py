@@ -4,9 +4,11 @@ import gtsam
 import numpy as np
 import pytest
 
+from akm_fg.interfaces import SeenPixels
 from akm_fg.perception.depth.depth_noise import DepthNoiseModel
 from akm_fg.perception.tracking.lifting import lift, local_depth
-from akm_fg.records import PinholeCamera, PixelTracks, RgbdFrame
+from akm_fg.perception.tracking.track_store import TrackStore
+from akm_fg.records import PinholeCamera, RgbdFrame
 
 CAMERA = PinholeCamera(320, 240, 300.0, 310.0, 161.0, 118.0)
 T_WORLD_CAM = gtsam.Pose3(gtsam.Rot3.RzRyRx(-1.9, 0.2, 0.4), np.array([1.0, 0.5, 0.8]))
@@ -31,6 +33,10 @@ def frame_of(depth: np.ndarray) -> RgbdFrame:
 
 def queries(n: int = 400, seed: int = 0) -> np.ndarray:
     return np.random.default_rng(seed).uniform([10, 10], [309, 229], (n, 2))
+
+
+def seen_at(uv: np.ndarray, sigma_px: float) -> SeenPixels:
+    return SeenPixels(np.arange(len(uv)), uv, np.tile(sigma_px**2 * np.eye(2), (len(uv), 1, 1)))
 
 
 @pytest.mark.parametrize("normal", [(0.0, 0.0, 1.0), (0.6, 0.0, 0.8), (-0.5, 0.4, 0.77)])
@@ -87,38 +93,32 @@ def test_lifted_points_have_honest_covariances(normal: tuple, depth_noise_image)
         frame = frame_of(clean + depth_noise_image(rng, clean, CAMERA.fx))
         true_uv = queries(200, int(rng.integers(1 << 30)))
         uv = true_uv + rng.normal(scale=sigma_px, size=true_uv.shape)
-        tracks = PixelTracks(
-            uv[None], np.ones((1, 200), bool), np.full((1, 200, 1, 1), sigma_px**2) * np.eye(2)
-        )
-        got = lift(tracks, [frame], NOISE)
+        got = lift(seen_at(uv, sigma_px), frame, NOISE)
         p_cam = CAMERA.back_project(true_uv, plane_depth(true_uv, normal))
-        e = got.p_world[0] - [T_WORLD_CAM.transformFrom(p) for p in p_cam]
-        nees.append(np.einsum("ni,nij,nj->n", e, np.linalg.inv(got.cov_world[0]), e))
+        e = got.p_world - [T_WORLD_CAM.transformFrom(p) for p in p_cam]
+        nees.append(np.einsum("ni,nij,nj->n", e, np.linalg.inv(got.cov_world), e))
     assert np.isfinite(nees).all()
     assert 2.0 < np.mean(nees) < 3.6
 
 
 def test_lost_tracks_stay_lost_and_lengths_must_agree() -> None:
-    frame = frame_of(np.ones((240, 320)))
-    uv = np.array([[[100.0, 100.0], [np.nan, np.nan]]])
-    tracks = PixelTracks(
-        uv,
-        np.array([[True, False]]),
-        np.array([0.09, np.nan])[:, None, None] * np.eye(2)[None, None],
-    )
-    got = lift(tracks, [frame], NOISE)
-    np.testing.assert_array_equal(got.observed, [[True, False]])
-    assert np.isnan(got.cov_world[0, 1]).all()
-    with pytest.raises(ValueError, match="1 frames, but 2"):
-        lift(tracks, [frame, frame], NOISE)
+    frame = frame_of(np.where(np.arange(320) < 200, 1.0, np.nan)[None].repeat(240, axis=0))
+    uv = np.array([[100.0, 100.0], [250.0, 100.0]])
+    seen, store = seen_at(uv, 0.3), TrackStore()
+    store.add(lift(SeenPixels(np.array([0, 2]), seen.uv, seen.cov_px2), frame, NOISE))
+    got = store.point_tracks()
+    np.testing.assert_array_equal(got.observed, [[True, False, False]])
+    assert np.isnan(got.cov_world[0, 1:]).all()
+    np.testing.assert_array_equal(store.pixel_tracks().visible, [[True, False, True]])
+    with pytest.raises(ValueError, match="2 points, but uv"):
+        SeenPixels(np.array([0, 1]), uv[:1], seen.cov_px2)
 
 
 def test_pixel_noise_moves_a_point_along_its_surface_never_off_it() -> None:
     normal = (0.6, 0.2, 0.77)
     exact = DepthNoiseModel(disparity_sigma_px=1e-5, floor_m=1e-7)
-    uv = queries(50)[None]
-    tracks = PixelTracks(uv, np.ones((1, 50), bool), np.full((1, 50, 1, 1), 0.25) * np.eye(2))
-    cov = lift(tracks, [frame_of(plane_depth(pixel_grid(), normal))], exact).cov_world[0]
+    frame = frame_of(plane_depth(pixel_grid(), normal))
+    cov = lift(seen_at(queries(50), 0.5), frame, exact).cov_world
     n = T_WORLD_CAM.rotation().matrix() @ np.array(normal) / np.linalg.norm(normal)
     assert np.sqrt(np.einsum("i,nij,j->n", n, cov, n)).max() < 1e-5
     assert np.sqrt(np.trace(cov, axis1=1, axis2=2)).min() > 1e-3

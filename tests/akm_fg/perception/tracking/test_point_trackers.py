@@ -7,8 +7,10 @@ import numpy as np
 import pytest
 
 from akm_fg.interfaces import PointTracker
+from akm_fg.perception.tracking.clips import track_clip
 from akm_fg.perception.tracking.flow_tracker import FlowTracker
-from akm_fg.perception.tracking.seeding import SeedingConfig, seed_points, track_object
+from akm_fg.perception.tracking.seeding import SeedingConfig, seed_points
+from akm_fg.perception.tracking.track_store import pixel_tracks
 
 BACKENDS = [FlowTracker]
 PART = 2
@@ -27,7 +29,7 @@ def seeds_on(clip, n: int = 150) -> np.ndarray:
 def test_queries_come_back_in_order_from_their_frames_on(tracker, door) -> None:
     uv = seeds_on(door)[:8]
     starts = [0, 3, 0, 6, 2, 0, 7, 1]
-    tracks = tracker.track(door.frames[:8], uv, starts)
+    tracks = track_clip(tracker, door.frames[:8], uv, starts)
     assert tracks.uv.shape == (8, 8, 2)
     np.testing.assert_array_equal(tracks.uv[starts, range(8)], uv)
     for i, start in enumerate(starts):
@@ -38,7 +40,7 @@ def test_queries_come_back_in_order_from_their_frames_on(tracker, door) -> None:
 def test_lost_means_nan_and_seen_means_finite(tracker, door_behind_robot) -> None:
     clip = door_behind_robot
     uv = seeds_on(clip)
-    tracks = tracker.track(clip.frames, uv, [0] * len(uv))
+    tracks = track_clip(tracker, clip.frames, uv, [0] * len(uv))
     assert not tracks.visible.all()
     np.testing.assert_array_equal(tracks.visible, np.isfinite(tracks.uv).all(axis=-1))
     np.testing.assert_array_equal(tracks.visible, np.isfinite(tracks.cov_px2).all(axis=(2, 3)))
@@ -47,13 +49,13 @@ def test_lost_means_nan_and_seen_means_finite(tracker, door_behind_robot) -> Non
 
 def test_tracking_does_not_depend_on_the_company(tracker, door) -> None:
     uv = seeds_on(door)[:20]
-    together = tracker.track(door.frames[:5], uv, [0] * 20)
-    alone = tracker.track(door.frames[:5], uv[:3], [0] * 3)
+    together = track_clip(tracker, door.frames[:5], uv, [0] * 20)
+    alone = track_clip(tracker, door.frames[:5], uv[:3], [0] * 3)
     np.testing.assert_allclose(together.uv[:, :3], alone.uv, atol=1e-3)
 
 
 def test_no_queries_give_no_tracks(tracker, door) -> None:
-    tracks = tracker.track(door.frames[:3], np.empty((0, 2)), [])
+    tracks = track_clip(tracker, door.frames[:3], np.empty((0, 2)), [])
     assert tracks.visible.shape == (3, 0)
 
 
@@ -69,14 +71,14 @@ def test_no_queries_give_no_tracks(tracker, door) -> None:
 )
 def test_bad_queries_are_refused(tracker, door, uv, starts, message) -> None:
     with pytest.raises(ValueError, match=message):
-        tracker.track(door.frames[:3], np.array(uv), starts)
+        track_clip(tracker, door.frames[:3], np.array(uv), starts)
 
 
 @pytest.mark.parametrize("name", ["door", "drawer"])
 def test_the_parts_tracks_stay_within_a_fraction_of_a_pixel(tracker, name, request) -> None:
     clip = request.getfixturevalue(name)
     uv = seeds_on(clip)
-    tracks = tracker.track(clip.frames, uv, [0] * len(uv))
+    tracks = track_clip(tracker, clip.frames, uv, [0] * len(uv))
     points, labels = clip.true_points(uv, np.zeros(len(uv), int))
     true_uv, seen = clip.true_pixels(points)
     error = np.linalg.norm(tracks.uv - true_uv, axis=-1)[:, labels == PART]
@@ -95,7 +97,7 @@ def test_points_behind_the_robot_are_lost_and_resting_ones_come_back(
 ) -> None:
     clip = door_behind_robot
     uv = seeds_on(clip)
-    tracks = tracker.track(clip.frames, uv, [0] * len(uv))
+    tracks = track_clip(tracker, clip.frames, uv, [0] * len(uv))
     points, labels = clip.true_points(uv, np.zeros(len(uv), int))
     _, seen = clip.true_pixels(points)
     covered = np.zeros_like(tracks.visible)
@@ -142,11 +144,42 @@ def test_an_empty_mask_gives_no_seeds(door) -> None:
 def test_new_seeds_are_set_only_where_nothing_is_followed(door, tracker) -> None:
     masks = {t: np.isin(door.labels[t], (1, 2)) for t in (0, 8)}
     config = SeedingConfig(number=120)
-    tracks = track_object(door.frames, masks, tracker, np.random.default_rng(0), config)
+    session, rows, rng = tracker.begin(), [], np.random.default_rng(0)
+    for t, frame in enumerate(door.frames):
+        seen = session.advance(frame)
+        if t in masks:
+            new_uv = seed_points(frame, masks[t], rng, config, seen.uv)
+            seen = seen.joined(session.follow(new_uv))
+        rows.append(seen)
+    tracks = pixel_tracks(rows, 1 + max(int(row.index.max()) for row in rows))
     started = tracks.visible.argmax(axis=0)
     assert set(started) == {0, 8}
     old, new = tracks.uv[8, started == 0], tracks.uv[8, started == 8]
     gaps = np.linalg.norm(new[:, None] - old[None], axis=-1)
     assert np.nanmin(gaps) > 5
-    with pytest.raises(ValueError, match="masks for frames"):
-        track_object(door.frames, {99: masks[0]}, tracker, np.random.default_rng(0))
+
+
+def test_what_was_seen_does_not_depend_on_what_comes_after(door, tracker) -> None:
+    uv = seeds_on(door)[:20]
+    whole = track_clip(tracker, door.frames[:8], uv, [0] * 20)
+    short = track_clip(tracker, door.frames[:4], uv, [0] * 20)
+    np.testing.assert_array_equal(whole.uv[:4], short.uv)
+    np.testing.assert_array_equal(whole.cov_px2[:4], short.cov_px2)
+
+
+def test_nothing_is_followed_before_the_first_frame(tracker) -> None:
+    with pytest.raises(ValueError, match="no frame yet"):
+        tracker.begin().follow(np.array([[1.0, 1.0]]))
+
+
+def test_two_streams_of_one_tracker_share_nothing(tracker, door, drawer) -> None:
+    uv = seeds_on(door)[:10]
+    alone = track_clip(tracker, door.frames[:4], uv, [0] * 10)
+    other, session = tracker.begin(), tracker.begin()
+    for frame, foreign in zip(door.frames[:4], drawer.frames[:4], strict=True):
+        seen = session.advance(frame)
+        other.advance(foreign)
+        for each in (session, other):
+            if frame is door.frames[0]:
+                each.follow(uv)
+    np.testing.assert_array_equal(alone.uv[3, seen.index], seen.uv)

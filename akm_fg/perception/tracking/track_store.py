@@ -1,0 +1,83 @@
+"""What was followed, frame by frame: rows of what each shows, dense arrays on demand.
+
+In a long stream points come and go, each seen in a small part of the frames: rows take a fraction
+of (T, N) arrays, and grow at their end.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from akm_fg.interfaces import SeenPixels
+from akm_fg.records import FloatArray, PixelTracks, PointTracks
+
+Frames: TypeAlias = Sequence[int] | NDArray[np.int_]
+
+
+@dataclass(frozen=True, slots=True)
+class SeenPoints:
+    """The followed points that one frame shows, in the image and in space."""
+
+    pixels: SeenPixels  # M
+    p_world: FloatArray  # (M, 3) metres; NaN where there is no depth to lift them with
+    cov_world: FloatArray  # (M, 3, 3) m^2; NaN likewise
+
+
+class TrackStore:
+    """N points in T frames; both grow."""
+
+    def __init__(self) -> None:
+        """Nothing yet."""
+        self._rows: list[SeenPoints] = []
+        self._points = 0
+
+    def __len__(self) -> int:
+        """T."""
+        return len(self._rows)
+
+    def __getitem__(self, frame: int) -> SeenPoints:
+        """What one frame shows."""
+        return self._rows[frame]
+
+    @property
+    def points(self) -> int:
+        """N, those that were given up included."""
+        return self._points
+
+    def add(self, seen: SeenPoints) -> None:
+        """The next frame."""
+        self._rows.append(seen)
+        self._points = max(self._points, int(seen.pixels.index.max(initial=-1)) + 1)
+
+    def pixel_tracks(self, frames: Frames | None = None) -> PixelTracks:
+        """All N points in the image, in some of the frames or in all."""
+        return pixel_tracks([row.pixels for row in self._chosen(frames)], self._points)
+
+    def point_tracks(self, frames: Frames | None = None) -> PointTracks:
+        """All N points in space, in some of the frames or in all."""
+        rows = self._chosen(frames)
+        p_world = np.full((len(rows), self._points, 3), np.nan)
+        cov_world = np.full((*p_world.shape, 3), np.nan)
+        for t, row in enumerate(rows):
+            at = t, row.pixels.index
+            p_world[at], cov_world[at] = row.p_world, row.cov_world
+        return PointTracks(p_world, cov_world)
+
+    def _chosen(self, frames: Frames | None) -> list[SeenPoints]:
+        return self._rows if frames is None else [self._rows[t] for t in frames]
+
+
+def pixel_tracks(rows: Sequence[SeenPixels], points: int) -> PixelTracks:
+    """What T frames show, as the tracks of so many points."""
+    uv = np.full((len(rows), points, 2), np.nan)
+    cov_px2 = np.full((*uv.shape, 2), np.nan)
+    visible = np.zeros(uv.shape[:2], dtype=bool)
+    for t, row in enumerate(rows):
+        at = t, row.index
+        visible[at], uv[at], cov_px2[at] = True, row.uv, row.cov_px2
+    return PixelTracks(uv, visible, cov_px2)
