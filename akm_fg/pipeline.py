@@ -129,7 +129,9 @@ def _better_than_tracks(
     both = motion.known & found.known[0]
     guess = found.guesses[0]
     R_depth, t_depth = guess.motion()
-    by_tracks = explained_share(found.change, R, t, both)
+    changed = found.known[0] & found.change.nearer.any(axis=(1, 2))
+    told = float((both & changed).sum() / max(changed.sum(), 1))  # tracks that end early tell less
+    by_tracks = told * explained_share(found.change, R, t, both)
     by_depth = explained_share(found.change, R_depth, t_depth, both)
     log.info(
         "%s: tracks explain %.2f of the change, depth %.2f", recording.name, by_tracks, by_depth

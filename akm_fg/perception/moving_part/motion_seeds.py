@@ -39,20 +39,23 @@ def with_hand(
     )
 
 
-def spectral_cluster(
+def spectral_clusters(
     tracks: PointTracks,
     p: FloatArray,
     significant: BoolArray,
     config: MotionSegmentationConfig,
     rng: np.random.Generator,
-) -> NDArray[np.int_]:
-    """Indices of tracks that moved, and moved alike (paper, Eq. 3, in units of the noise)."""
+) -> list[NDArray[np.int_]]:
+    """Indices of tracks that moved, and moved alike (paper, Eq. 3, in units of the noise).
+
+    One group or two, the likelier part first.
+    """
     observed = tracks.observed
     index = np.flatnonzero(significant)
     if len(index) > config.spectral_tracks:
         index = np.sort(rng.choice(index, config.spectral_tracks, replace=False))
     if len(index) < 2 * config.min_moving:
-        return index
+        return [index]
     difference = _displacement_difference(p[:, index], observed[:, index], tracks, index, config)
     k = min(config.neighbours, len(index) - 1)
     local = np.maximum(np.sort(difference, axis=1)[:, k], 1.0)
@@ -64,7 +67,7 @@ def spectral_cluster(
     alike = [float(np.median(difference[np.ix_(labels == k, labels == k)])) for k in (0, 1)]
     # The larger cluster is the part, unless it is a heap of tracks that moved each on its own.
     order = sorted((0, 1), key=lambda k: (-sizes[k] / (1 + alike[k]), k))
-    return index[labels == order[0]]
+    return [*(index[labels == k] for k in order), index]
 
 
 def _displacement_difference(

@@ -17,13 +17,14 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.special import expit
 from scipy.stats import chi2
 
 from akm_fg.errors import NoMotionObserved, TracksLost
 from akm_fg.geometry.rigid_motion import MIN_POINTS, RigidMotion, free_rigid_motion
 from akm_fg.perception.moving_part.motion_config import MotionSegmentationConfig
-from akm_fg.perception.moving_part.motion_seeds import held_tracks, spectral_cluster, with_hand
+from akm_fg.perception.moving_part.motion_seeds import held_tracks, spectral_clusters, with_hand
 from akm_fg.records import BoolArray, FloatArray, PointTracks
 
 
@@ -139,13 +140,18 @@ def segment_motion(
         enough = config.min_moving if hand is None else config.min_with_hand
         if significant.sum() < enough:
             continue
-        motion = _fit_motion(tracks, seen, rest, significant, hand, config, rng)
-        if motion is None:
+        if hand is None:
+            seeds = spectral_clusters(tracks, seen.p, significant, config, rng)
+        else:
+            seeds = [held_tracks(tracks, significant, hand, config)]
+        found = []
+        for seed in config.tries * seeds:
+            motion = _fit_motion(tracks, seen, rest, seed, hand, config, rng)
+            if motion is not None:
+                found.append(_decide(tracks, seen, rest, motion, judged, enough, config))
+        if not found:
             continue
-        moved = seen.judge(motion.R_world, motion.t_world, motion.known)
-        rest_known = rest if motion.known.all() else seen.judge_rest(motion.known)
-        frames = int(motion.known.sum())
-        decided = _decide(tracks, rest, rest_known, moved, judged, frames, enough, config)
+        decided, _ = max(found, key=lambda candidate: candidate[1])
         if decided.moving.any() or hand is None:
             return decided
     return _nothing_moved(rest, judged, 1.0, config)
@@ -168,15 +174,16 @@ def _nothing_moved(
 
 def _decide(
     tracks: PointTracks,
+    seen: _Observations,
     rest: _Fit,
-    rest_known: _Fit,
-    moved: _Fit,
+    motion: RigidMotion,
     judged: BoolArray,
-    frames_known: int,
     min_moving: int,
     config: MotionSegmentationConfig,
-) -> MotionSegmentation:
-    """Assign each track, and weigh motion against rest."""
+) -> tuple[MotionSegmentation, float]:
+    """Assign each track, and weigh motion against rest; with the nats by which motion is ahead."""
+    moved = seen.judge(motion.R_world, motion.t_world, motion.known)
+    rest_known = rest if motion.known.all() else seen.judge_rest(motion.known)
     best = np.minimum(rest_known.per_freedom(), moved.per_freedom())
     scale = _noise_scale(best, judged, config.max_noise_scale)
     limit = config.max_per_freedom * scale**2
@@ -186,13 +193,15 @@ def _decide(
     moving = explained_moving & (log_ratio > config.min_log_ratio)
     static = explained_static & (log_ratio < -config.min_log_ratio) & ~moving
     observations = 3 * float((tracks.observed & judged).sum())
+    frames_known = int(motion.known.sum())
     penalty = 0.5 * 6 * max(frames_known - 1, 1) * np.log(max(observations, 2.0))
-    p_rest = float(expit(penalty - float(log_ratio[moving].sum())))
+    ahead = float(log_ratio[moving].sum()) - penalty
+    p_rest = float(expit(-ahead))
     motion_m = _rms_displacement(tracks.select(moving))
     if moving.sum() < min_moving or motion_m < config.min_motion_m or p_rest > 0.5:
-        return _nothing_moved(rest, judged, max(p_rest, 0.5), config)
+        return _nothing_moved(rest, judged, max(p_rest, 0.5), config), -np.inf
     rejected = judged & ~explained_moving & ~explained_static
-    return MotionSegmentation(moving, static, rejected, p_rest, motion_m, scale)
+    return MotionSegmentation(moving, static, rejected, p_rest, motion_m, scale), ahead
 
 
 def _rms_displacement(tracks: PointTracks) -> float:
@@ -209,19 +218,13 @@ def _fit_motion(
     tracks: PointTracks,
     seen: _Observations,
     rest: _Fit,
-    significant: BoolArray,
+    seed: NDArray[np.int_],
     hand_world: FloatArray | None,
     config: MotionSegmentationConfig,
     rng: np.random.Generator,
 ) -> RigidMotion | None:
-    """The rigid motion of the cluster that moved with the hand, or else moved most.
-
-    Refitted to all tracks it explains.
-    """
-    if hand_world is None:
-        seed, enough = spectral_cluster(tracks, seen.p, significant, config, rng), config.min_moving
-    else:
-        seed, enough = held_tracks(tracks, significant, hand_world, config), config.min_with_hand
+    """The rigid motion of some tracks (and of the hand), refitted to all that it explains."""
+    enough = config.min_moving if hand_world is None else config.min_with_hand
     limit = config.max_per_freedom * config.max_noise_scale**2
     motion = None
     for _ in range(config.refits):
