@@ -15,7 +15,6 @@ class MotionSegmentationConfig:
     min_moving: int = 6  # tracks; a rigid motion takes three, and three must confirm it
     min_motion_m: float = 0.004  # rms displacement of the part: below, calibration drift can do it
     spectral_tracks: int = 250  # eigenvectors cost the cube of this
-    tries: int = 2  # of each cluster, with other minimal sets; the best explanation is taken
     hand_slip_m: float = 0.005  # how much the fingers may shift on the handle
     min_with_hand: int = 4  # tracks that a motion takes which the hand confirms
     neighbours: int = 7  # sets the local scale of affinities (Zelnik-Manor, Perona, 2004)

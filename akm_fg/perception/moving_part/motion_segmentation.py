@@ -145,7 +145,7 @@ def segment_motion(
         else:
             seeds = [held_tracks(tracks, significant, hand, config)]
         found = []
-        for seed in config.tries * seeds:
+        for seed in seeds:
             motion = _fit_motion(tracks, seen, rest, seed, hand, config, rng)
             if motion is not None:
                 found.append(_decide(tracks, seen, rest, motion, judged, enough, config))
