@@ -34,11 +34,11 @@ from akm_fg.estimation.sources.source import FirstFit, Given
 from akm_fg.estimation.sources.surface import SURFACE
 from akm_fg.estimation.sources.track_noise import correlated_points, correlation_frames
 from akm_fg.estimation.sources.tracks import TRACKS
-from akm_fg.estimation.steps import to_end
 from akm_fg.geometry.joint_guess import JointGuess
 from akm_fg.geometry.rigid_motion import MIN_POINTS
 from akm_fg.posterior import ArticulationPosterior
 from akm_fg.records import FloatArray, PointTracks, PoseTrack
+from akm_fg.steps import to_end
 
 
 def fit_tracks(

@@ -14,13 +14,14 @@ from akm_fg.perception.depth.object_mask import DepthObjectSegmenter, DepthSegme
 from akm_fg.perception.depth.object_now import ObjectNowConfig, object_now
 from akm_fg.perception.kept_frames import KeptFrames, KeptFramesConfig
 from akm_fg.perception.moving_part.motion_config import MotionSegmentationConfig
-from akm_fg.perception.moving_part.motion_segmentation import segment_motion
+from akm_fg.perception.moving_part.motion_segmentation import segmented_in_steps
 from akm_fg.perception.observed import ObservedMotion
 from akm_fg.perception.tracking.flow_tracker import FlowTracker, FlowTrackerConfig
 from akm_fg.perception.tracking.lifting import LiftingConfig, lift
 from akm_fg.perception.tracking.seeding import SeedingConfig, SeedingSchedule, seed_points
 from akm_fg.perception.tracking.track_store import Frames, SeenPoints, TrackStore
 from akm_fg.records import BoolArray, FloatArray, Recording, RgbdFrame
+from akm_fg.steps import Steps, to_end
 
 log = logging.getLogger(__name__)
 
@@ -123,21 +124,26 @@ class MotionObserver:
         Raises:
             ValueError: no frame yet.
         """
+        return to_end(self.observed_in_steps(frames))
+
+    def observed_in_steps(self, frames: Frames | None = None) -> Steps[ObservedMotion]:
+        """`observed`, with a pause after every piece of work: what came until it began."""
         if self._mask is None:
             raise ValueError("no frame was watched yet")
         kept, config = self.kept.numbers, self.config.motion
+        tracks, pixels = self.store.point_tracks(frames), self.store.pixel_tracks(frames)
         hands = np.array(self._hands)[kept]
         held = hands if np.isfinite(hands).any() else None
         rng = np.random.default_rng([self._seed, 1])  # asking does not change what is asked next
-        segmentation = segment_motion(self.store.point_tracks(kept), config, rng, held)
+        judged = self.store.point_tracks(kept)
+        segmentation = yield from segmented_in_steps(judged, config, rng, held)
         log.info(
             "%d tracks, %d moving, %d static, %d rejected",
-            self.store.points,
+            segmentation.moving.size,
             segmentation.moving.sum(),
             segmentation.static.sum(),
             segmentation.rejected.sum(),
         )
-        tracks, pixels = self.store.point_tracks(frames), self.store.pixel_tracks(frames)
         return ObservedMotion(tracks, pixels, segmentation, self._mask)
 
 

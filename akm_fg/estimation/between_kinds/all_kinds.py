@@ -13,8 +13,8 @@ from akm_fg.estimation.one_kind.kind_fit import fit_kind, fit_rigid
 from akm_fg.estimation.one_kind.laplace import KindFit
 from akm_fg.estimation.sources.source import FirstFit
 from akm_fg.estimation.sources.track_noise import correlated_points, correlation_frames
-from akm_fg.estimation.steps import Steps
 from akm_fg.geometry.joint_guess import JointGuess
+from akm_fg.steps import Steps
 from factors.joint import JointKind
 from factors.student_t import twice_negative_log_kernel
 

@@ -21,9 +21,9 @@ from akm_fg.estimation.given.motion_fit import fit_to_motions
 from akm_fg.estimation.given.problem import FitProblem
 from akm_fg.estimation.sources.source import FirstFit, LateSource
 from akm_fg.estimation.sources.surface import SURFACE, SurfaceSource
-from akm_fg.estimation.steps import Steps
 from akm_fg.geometry.joint_guess import JointGuess
 from akm_fg.records import BoolArray, FloatArray
+from akm_fg.steps import Steps
 from factors.measurements.dense_registration import (
     DenseCost,
     PatchObservations,

@@ -29,9 +29,9 @@ from akm_fg.estimation.sources.source import (
     Term,
     information_of,
 )
-from akm_fg.estimation.steps import Steps
 from akm_fg.geometry.joint_guess import JointGuess
 from akm_fg.records import FloatArray
+from akm_fg.steps import Steps
 from factors.joint_variables import JointVariables
 from factors.measurements.grasp_pose import (
     grasp_log_normaliser,

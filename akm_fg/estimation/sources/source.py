@@ -29,9 +29,9 @@ from numpy.typing import NDArray
 
 from akm_fg.estimation.config import FitConfig
 from akm_fg.estimation.joint_prior import metres_per_unit
-from akm_fg.estimation.steps import Steps
 from akm_fg.geometry.joint_guess import JointGuess
 from akm_fg.records import FloatArray
+from akm_fg.steps import Steps
 from factors.joint_variables import JointVariables
 
 if TYPE_CHECKING:

@@ -16,7 +16,6 @@ import numpy as np
 from akm_fg.errors import InsufficientData, TracksLost
 from akm_fg.estimation.between_kinds.weighed_kinds import joint_posterior
 from akm_fg.estimation.fit import one_blas_thread
-from akm_fg.estimation.steps import Steps, to_end
 from akm_fg.estimation.stream.keyframes import Keyframes, StreamFrame
 from akm_fg.estimation.stream.kind_comparison import (
     Comparison,
@@ -30,6 +29,7 @@ from akm_fg.estimation.stream.stream_tracks import StreamTracks
 from akm_fg.geometry.rigid_motion import MIN_POINTS
 from akm_fg.posterior import ArticulationPosterior
 from akm_fg.records import BoolArray, FloatArray, PointTracks
+from akm_fg.steps import Steps, to_end
 
 __all__ = ["FrameUpdate", "IncrementalConfig", "IncrementalFit"]
 

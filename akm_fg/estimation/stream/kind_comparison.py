@@ -14,10 +14,10 @@ from akm_fg.estimation.between_kinds.weighed_kinds import FittedKinds
 from akm_fg.estimation.config import FitConfig
 from akm_fg.estimation.given.problem import problem_of_tracks
 from akm_fg.estimation.one_kind.laplace import KindFit
-from akm_fg.estimation.steps import Steps
 from akm_fg.geometry.rigid_motion import MIN_POINTS
 from akm_fg.posterior import ArticulationPosterior, KindPosterior
 from akm_fg.records import FloatArray, PointTracks
+from akm_fg.steps import Steps
 from factors.measurements.track_cost import TrackObservations
 from factors.measurements.track_information import state_step
 

@@ -26,6 +26,7 @@ from akm_fg.geometry.rigid_motion import MIN_POINTS, RigidMotion, free_rigid_mot
 from akm_fg.perception.moving_part.motion_config import MotionSegmentationConfig
 from akm_fg.perception.moving_part.motion_seeds import held_tracks, spectral_clusters, with_hand
 from akm_fg.records import BoolArray, FloatArray, PointTracks
+from akm_fg.steps import Steps, to_end
 
 
 @dataclass(frozen=True, slots=True)
@@ -123,6 +124,16 @@ def segment_motion(
         rng: draws subsets and minimal sets; a fixed one if not given.
         hand_world: (T, 3) of the gripper that holds the part, metres; NaN where it does not.
     """
+    return to_end(segmented_in_steps(tracks, config, rng, hand_world))
+
+
+def segmented_in_steps(
+    tracks: PointTracks,
+    config: MotionSegmentationConfig | None = None,
+    rng: np.random.Generator | None = None,
+    hand_world: FloatArray | None = None,
+) -> Steps[MotionSegmentation]:
+    """`segment_motion`, with a pause after every piece of work."""
     config = config or MotionSegmentationConfig()
     rng = rng or np.random.default_rng(0)
     observed = tracks.observed
@@ -140,6 +151,7 @@ def segment_motion(
         enough = config.min_moving if hand is None else config.min_with_hand
         if significant.sum() < enough:
             continue
+        yield
         if hand is None:
             seeds = spectral_clusters(tracks, seen.p, significant, config, rng)
         else:
@@ -149,10 +161,9 @@ def segment_motion(
             motion = _fit_motion(tracks, seen, rest, seed, hand, config, rng)
             if motion is not None:
                 found.append(_decide(tracks, seen, rest, motion, judged, enough, config))
-        if not found:
-            continue
-        decided, _ = max(found, key=lambda candidate: candidate[1])
-        if decided.moving.any() or hand is None:
+            yield
+        decided, _ = max(found, key=lambda candidate: candidate[1], default=(None, 0.0))
+        if decided is not None and (decided.moving.any() or hand is None):
             return decided
     return _nothing_moved(rest, judged, 1.0, config)
 
