@@ -31,6 +31,7 @@ from akm_fg.perception.surface.part_surface import PartSurface
 from akm_fg.posterior import ArticulationPosterior
 from akm_fg.records import Recording
 from akm_fg.stages import ModelSettings, RecordingFit, Sources, Stages
+from akm_fg.steps import to_end
 
 log = logging.getLogger(__name__)
 
@@ -121,7 +122,8 @@ def _better_than_tracks(
 
     Plain surfaces have few tracks, and those may follow edges and reflections instead of the part.
     """
-    found = depth_motion(recording, observed.object_mask, config.observe.noise, config.change)
+    noise, mask = config.observe.noise, observed.object_mask
+    found = to_end(depth_motion(recording, mask, noise, config.change))
     if found is None or not observed.segmentation.moving.any():
         return found
     motion = free_rigid_motion(observed.moving_tracks, np.random.default_rng(0))

@@ -27,6 +27,7 @@ from akm_fg.estimation.fit import fit_tracks
 from akm_fg.estimation.given.surface_registration import SurfaceToRegister
 from akm_fg.perception.surface.part_cloud import sample_cloud
 from akm_fg.report.score import axis_angle_rad
+from akm_fg.steps import to_end
 from experiments.baselines.clouds import PartCloud, choose_keyframes, part_cloud
 from experiments.baselines.coarse import coarse_estimate
 from experiments.baselines.config import CoarseConfig
@@ -78,7 +79,8 @@ def _paper(opening: Opening, camera: PanelCamera | None, seed: int) -> np.ndarra
 
 
 def _cloud(camera: PanelCamera, t: int, seed: int) -> PartCloud:
-    views = camera.views([t], np.eye(3)[None], np.zeros((1, 3)), np.ones(1, dtype=bool))
+    still = np.eye(3)[None], np.zeros((1, 3)), np.ones(1, dtype=bool)
+    views = to_end(camera.views([t], *still))
     rng = np.random.default_rng(seed)
     return part_cloud(sample_cloud(views.planes[0], t, rng, CLOUD_POINTS).p_world)
 

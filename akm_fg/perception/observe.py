@@ -14,7 +14,7 @@ from akm_fg.perception.depth.object_mask import DepthObjectSegmenter, DepthSegme
 from akm_fg.perception.depth.object_now import ObjectNowConfig, object_now
 from akm_fg.perception.kept_frames import KeptFrames, KeptFramesConfig
 from akm_fg.perception.moving_part.motion_config import MotionSegmentationConfig
-from akm_fg.perception.moving_part.motion_segmentation import segmented_in_steps
+from akm_fg.perception.moving_part.motion_segmentation import segment_motion
 from akm_fg.perception.observed import ObservedMotion
 from akm_fg.perception.tracking.flow_tracker import FlowTracker, FlowTrackerConfig
 from akm_fg.perception.tracking.lifting import LiftingConfig, lift
@@ -136,7 +136,7 @@ class MotionObserver:
         held = hands if np.isfinite(hands).any() else None
         rng = np.random.default_rng([self._seed, 1])  # asking does not change what is asked next
         judged = self.store.point_tracks(kept)
-        segmentation = yield from segmented_in_steps(judged, config, rng, held)
+        segmentation = yield from segment_motion(judged, config, rng, held)
         log.info(
             "%d tracks, %d moving, %d static, %d rejected",
             segmentation.moving.size,

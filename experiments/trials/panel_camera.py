@@ -19,6 +19,7 @@ from akm_fg.perception.depth.depth_noise import DepthNoiseModel
 from akm_fg.perception.depth.depth_planes import depth_planes
 from akm_fg.perception.surface.patches import DenseViews, dense_views
 from akm_fg.records import BoolArray, FloatArray, PinholeCamera, RgbdFrame
+from akm_fg.steps import Steps
 from experiments.trials.openings import PANEL_M, Opening
 
 CAMERA = PinholeCamera(320, 240, 300.0, 300.0, 159.5, 119.5)
@@ -74,12 +75,13 @@ class PanelCamera:
 
     def views(
         self, frames: Sequence[int], R_world: FloatArray, t_world: FloatArray, known: BoolArray
-    ) -> DenseViews:
+    ) -> Steps[DenseViews]:
         """The panel in these frames; see `SurfaceSource`."""
         planes = []
         for t in frames:
             frame = self.frame(int(t))
             planes.append(depth_planes(frame, self.noise, np.isfinite(frame.depth_m)))
+            yield
         return dense_views([int(t) for t in frames], planes, np.random.default_rng(self.seed))
 
 

@@ -63,8 +63,8 @@ class Surface(Protocol):
 
     def views(
         self, frames: Sequence[int], R_world: FloatArray, t_world: FloatArray, known: BoolArray
-    ) -> SurfaceViews:
-        """Views of some frames.
+    ) -> Steps[SurfaceViews]:
+        """Views of some frames, with a pause after every piece of work.
 
         Args:
             frames: numbers of the frames.
@@ -117,7 +117,7 @@ def register(
     config, guess = problem.config.surface, first.guess
     count = config.keyframes if problem.tracks.any else config.keyframes_alone
     chosen = spread_by_state(guess.q, count)
-    views = surface.views(
+    views = yield from surface.views(
         problem.keyframes[chosen].tolist(), *_motion_of_all_frames(problem, guess)
     )
     yield

@@ -21,8 +21,10 @@ from numpy.typing import NDArray
 from akm_fg.perception.depth.depth_noise import DepthNoiseModel
 from akm_fg.perception.depth.thinning import repeated
 from akm_fg.records import BoolArray, FloatArray, PinholeCamera, Recording, RgbdFrame
+from akm_fg.steps import Steps
 
 _KERNEL = np.ones((3, 3), np.uint8)
+_FRAMES_A_PIECE = 10  # compared without a pause: 20 ms
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,8 +73,8 @@ def depth_change(
     object_mask: BoolArray,
     noise: DepthNoiseModel,
     config: DepthChangeConfig | None = None,
-) -> DepthChange:
-    """Compare all frames with frame 0.
+) -> Steps[DepthChange]:
+    """Compare all frames with frame 0, with a pause after some of them.
 
     Args:
         recording: T frames of one camera that stands still.
@@ -106,6 +108,8 @@ def depth_change(
         nearer[t] = _components((off > gate) & (own > gate / 2), touched, metric, config)
         farther[t] = _components((off < -gate) & (own < -gate / 2), touched, metric, config)
         area[t] = float(metric[nearer[t]].sum())
+        if t % _FRAMES_A_PIECE == 0:
+            yield
     return DepthChange(recording, noise, config, frames, stride, nearer, farther, area)
 
 

@@ -28,6 +28,7 @@ from akm_fg.perception.change.face_joints import FaceJointConfig, FaceStart, sta
 from akm_fg.perception.change.face_planes import FaceConfig, face_planes
 from akm_fg.perception.depth.depth_noise import DepthNoiseModel
 from akm_fg.records import BoolArray, FloatArray, Recording
+from akm_fg.steps import Steps
 from factors.joint import skew
 from factors.student_t import weight
 
@@ -67,8 +68,8 @@ def depth_motion(
     object_mask: BoolArray,
     noise: DepthNoiseModel,
     config: DepthMotionConfig | None = None,
-) -> DepthMotion | None:
-    """Joint and states of the part that moved.
+) -> Steps[DepthMotion | None]:
+    """Joint and states of the part that moved, with a pause after every piece of work.
 
     Args:
         recording: T frames of one camera that stands still.
@@ -83,17 +84,21 @@ def depth_motion(
         ValueError: the mask has another size than the image.
     """
     config = config or DepthMotionConfig()
-    change = depth_change(recording, object_mask, noise, config.change)
+    change = yield from depth_change(recording, object_mask, noise, config.change)
+    yield
     every = np.ones(len(recording.frames), dtype=bool)
     keyframes = change_frames(change, every, config.keyframes)
     faces = face_planes(change, keyframes, config.face) if keyframes else None
     if faces is None:
         return None
+    yield
     found = []
     for start in starts_from_faces(faces, len(change.frames), config.joint):
         guess, known = _with_states(start, change, config)
+        yield
         R, t = guess.joint.motion(guess.q)
         found.append((explained_share(change, R, t, every), guess, known))
+        yield
     found.sort(key=lambda f: -np.nan_to_num(f[0], nan=-1.0))
     shares, guesses, known_frames = zip(*found, strict=True)
     return DepthMotion(guesses, shares, known_frames, change)

@@ -26,7 +26,7 @@ from akm_fg.geometry.rigid_motion import MIN_POINTS, RigidMotion, free_rigid_mot
 from akm_fg.perception.moving_part.motion_config import MotionSegmentationConfig
 from akm_fg.perception.moving_part.motion_seeds import held_tracks, spectral_clusters, with_hand
 from akm_fg.records import BoolArray, FloatArray, PointTracks
-from akm_fg.steps import Steps, to_end
+from akm_fg.steps import Steps
 
 
 @dataclass(frozen=True, slots=True)
@@ -115,8 +115,8 @@ def segment_motion(
     config: MotionSegmentationConfig | None = None,
     rng: np.random.Generator | None = None,
     hand_world: FloatArray | None = None,
-) -> MotionSegmentation:
-    """Tell the moving part's tracks from those at rest.
+) -> Steps[MotionSegmentation]:
+    """Tell the moving part's tracks from those at rest, with a pause after every piece of work.
 
     Args:
         tracks: T frames, N points with their covariances; gaps and late starts are fine.
@@ -124,16 +124,6 @@ def segment_motion(
         rng: draws subsets and minimal sets; a fixed one if not given.
         hand_world: (T, 3) of the gripper that holds the part, metres; NaN where it does not.
     """
-    return to_end(segmented_in_steps(tracks, config, rng, hand_world))
-
-
-def segmented_in_steps(
-    tracks: PointTracks,
-    config: MotionSegmentationConfig | None = None,
-    rng: np.random.Generator | None = None,
-    hand_world: FloatArray | None = None,
-) -> Steps[MotionSegmentation]:
-    """`segment_motion`, with a pause after every piece of work."""
     config = config or MotionSegmentationConfig()
     rng = rng or np.random.default_rng(0)
     observed = tracks.observed

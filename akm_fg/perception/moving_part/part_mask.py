@@ -8,7 +8,7 @@ evidence, small islands and pixels at depth edges (flying pixels) are left out (
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 
 import cv2
@@ -71,8 +71,8 @@ def propagate_masks(
     noise: DepthNoiseModel,
     config: PartMaskConfig | None = None,
     motion: RigidMotion | None = None,
-) -> tuple[PartMask, ...]:
-    """Dense masks of the moving part and of what rests, in chosen frames.
+) -> Iterator[PartMask]:
+    """Dense masks of the moving part and of what rests, in chosen frames, each as it is asked for.
 
     A frame in which too few tracks of the part are seen to know its motion gets empty masks.
 
@@ -102,7 +102,7 @@ def propagate_masks(
     scale = observed.segmentation.noise_scale
     noise = replace(noise, disparity_sigma_px=scale * noise.disparity_sigma_px)
     scene = _Scene(recording.frames, observed, motion, noise, config)
-    return tuple(scene.mask(k) for k in frames)
+    return (scene.mask(k) for k in frames)
 
 
 class _Scene:

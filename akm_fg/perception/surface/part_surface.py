@@ -14,6 +14,7 @@ from akm_fg.perception.moving_part.part_mask import PartMaskConfig, propagate_ma
 from akm_fg.perception.observed import ObservedMotion
 from akm_fg.perception.surface.patches import DenseViews, PatchConfig, dense_views
 from akm_fg.records import BoolArray, FloatArray, Recording
+from akm_fg.steps import Steps
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,8 +40,10 @@ class PartSurface:
 
     def views(
         self, frames: Sequence[int], R_world: FloatArray, t_world: FloatArray, known: BoolArray
-    ) -> DenseViews:
+    ) -> Steps[DenseViews]:
         """The part's surface in these frames, its motion over all T frames being known.
+
+        Pauses after each frame.
 
         Args:
             frames: numbers of the frames.
@@ -66,8 +69,9 @@ class PartSurface:
         masks = propagate_masks(
             self.recording, self.observed, numbers, self.noise, self.config.mask, motion
         )
-        planes = [
-            depth_planes(self.recording.frames[m.frame], self.noise, m.moving, self.config.planes)
-            for m in masks
-        ]
+        planes = []
+        for mask in masks:
+            frame = self.recording.frames[mask.frame]
+            planes.append(depth_planes(frame, self.noise, mask.moving, self.config.planes))
+            yield
         return dense_views(numbers, planes, np.random.default_rng(self.seed), self.config.patches)

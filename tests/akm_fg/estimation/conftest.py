@@ -32,6 +32,7 @@ class Slab:
 
     def views(self, frames, R_world, t_world, known):
         assert known[list(frames)].all()
+        yield
         return replace(self, frames=tuple(k for k in frames if k not in self.hidden))
 
     def associate(self, R_world, t_world, gate_m):

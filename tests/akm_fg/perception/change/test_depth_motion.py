@@ -12,6 +12,7 @@ from akm_fg.perception.change.face_joints import FaceJointConfig, starts_from_fa
 from akm_fg.perception.change.face_planes import FacePlanes
 from akm_fg.perception.depth.depth_noise import DepthNoiseModel
 from akm_fg.records import Recording
+from akm_fg.steps import to_end
 
 BACKGROUND = 0
 NOISE = DepthNoiseModel()
@@ -22,7 +23,7 @@ def _object_mask(clip):
 
 
 def _seen(clip) -> DepthMotion:
-    found = depth_motion(clip.recording, _object_mask(clip), NOISE)
+    found = to_end(depth_motion(clip.recording, _object_mask(clip), NOISE))
     assert found is not None
     return found
 
@@ -66,7 +67,7 @@ def test_plain_fronts_are_no_harder(make_clip):
 
 
 def test_nothing_changed_is_no_motion(still):
-    assert depth_motion(still.recording, _object_mask(still), NOISE) is None
+    assert to_end(depth_motion(still.recording, _object_mask(still), NOISE)) is None
 
 
 def test_noise_worse_than_told_is_no_motion(still, depth_noise_image):
@@ -76,8 +77,8 @@ def test_noise_worse_than_told_is_no_motion(still, depth_noise_image):
         extra = 3 * np.kron(depth_noise_image(rng, z, focal_px), np.ones((2, 2)))
         frames.append(replace(frame, depth_m=(frame.depth_m + extra).astype(np.float32)))
     recording = Recording("clip", tuple(frames))
-    assert not depth_change(recording, _object_mask(still), NOISE).nearer.any()
-    assert depth_motion(recording, _object_mask(still), NOISE) is None
+    assert not to_end(depth_change(recording, _object_mask(still), NOISE)).nearer.any()
+    assert to_end(depth_motion(recording, _object_mask(still), NOISE)) is None
 
 
 def test_a_change_off_the_object_is_no_motion(still):
@@ -87,14 +88,14 @@ def test_a_change_off_the_object_is_no_motion(still):
     frames[-1] = replace(frames[-1], depth_m=passer_by)
     mask = _object_mask(still)
     assert not mask[60:180, :50].any()
-    assert depth_motion(Recording("clip", tuple(frames)), mask, NOISE) is None
+    assert to_end(depth_motion(Recording("clip", tuple(frames)), mask, NOISE)) is None
 
 
 def test_states_below_the_noise_of_a_pixel_are_found(drawer, make_clip):
     slow = make_clip(0.004, 3, seed=5, joint="prismatic")  # 2 and 4 mm: no pixel tells
     frames, states = list(drawer.frames), drawer.states.copy()
     frames[1:3], states[1:3] = slow.frames[1:3], slow.states[1:3]
-    found = depth_motion(Recording("clip", tuple(frames)), _object_mask(drawer), NOISE)
+    found = to_end(depth_motion(Recording("clip", tuple(frames)), _object_mask(drawer), NOISE))
     assert found is not None
     assert not found.change.nearer[1:3].any()
     np.testing.assert_allclose(found.guesses[0].q[1:3], states[1:3], atol=0.001)
@@ -103,7 +104,9 @@ def test_states_below_the_noise_of_a_pixel_are_found(drawer, make_clip):
 def test_a_frame_far_from_the_keyframes_is_found(drawer):
     order = [0, 3, 5, 10, 6, 7]  # the fourth is 14 cm out, halfway between keyframes at 4 and 10
     recording = Recording("clip", tuple(drawer.frames[i] for i in order))
-    found = depth_motion(recording, _object_mask(drawer), NOISE, DepthMotionConfig(keyframes=2))
+    found = to_end(
+        depth_motion(recording, _object_mask(drawer), NOISE, DepthMotionConfig(keyframes=2))
+    )
     assert found is not None
     np.testing.assert_allclose(found.guesses[0].q, drawer.states[order], atol=0.003)
 
@@ -111,7 +114,7 @@ def test_a_frame_far_from_the_keyframes_is_found(drawer):
 @pytest.mark.parametrize("name", ["door", "drawer"])
 def test_the_true_motion_explains_the_change_and_others_do_not(name, request):
     clip = request.getfixturevalue(name)
-    change = depth_change(clip.recording, _object_mask(clip), NOISE)
+    change = to_end(depth_change(clip.recording, _object_mask(clip), NOISE))
     assert explained_share(change, *_true_motion(clip)) > 0.95
     for factor in (0.0, 0.5, 1.5):
         assert explained_share(change, *_true_motion(clip, factor)) < 0.75
@@ -122,13 +125,13 @@ def test_the_true_motion_explains_the_change_and_others_do_not(name, request):
 def test_that_nothing_moved_explains_no_change_however_long_it_stays(drawer):
     order = [0, 14, 14, 14, 14, 14]  # frames at the same state agree with one another
     recording = Recording("clip", tuple(drawer.frames[i] for i in order))
-    change = depth_change(recording, _object_mask(drawer), NOISE)
+    change = to_end(depth_change(recording, _object_mask(drawer), NOISE))
     rest = np.tile(np.eye(3), (6, 1, 1)), np.zeros((6, 3)), np.ones(6, dtype=bool)
     assert explained_share(change, *rest) < 0.05
 
 
 def test_changed_pixels_are_those_of_the_part(drawer):
-    change = depth_change(drawer.recording, _object_mask(drawer), NOISE)
+    change = to_end(depth_change(drawer.recording, _object_mask(drawer), NOISE))
     part = drawer.labels[-1] == 2
     mask = change.mask(len(drawer.frames) - 1)
     assert mask.shape == part.shape
@@ -138,7 +141,7 @@ def test_changed_pixels_are_those_of_the_part(drawer):
 
 def test_a_mask_of_another_size_is_refused(drawer):
     with pytest.raises(ValueError, match=r"mask \(10, 10\), expected"):
-        depth_change(drawer.recording, np.ones((10, 10), dtype=bool), NOISE)
+        to_end(depth_change(drawer.recording, np.ones((10, 10), dtype=bool), NOISE))
 
 
 def _turned_faces(axis, pivot, angles):

@@ -8,6 +8,7 @@ import pytest
 from akm_fg.errors import NoMotionObserved, TracksLost
 from akm_fg.perception.moving_part.motion_segmentation import segment_motion
 from akm_fg.records import PointTracks
+from akm_fg.steps import to_end
 
 SIGMA_M = np.array([0.001, 0.001, 0.003])
 
@@ -48,7 +49,7 @@ CASES = [("revolute", 0.6), ("revolute", 0.15), ("prismatic", 0.2), ("prismatic"
 def test_moving_and_resting_tracks_are_told_apart(kind: str, last: float, gaps: bool) -> None:
     for seed in range(3):
         tracks, labels = simulate(kind, last, seed, n_bad=15, gaps=gaps)
-        got = segment_motion(tracks, rng=np.random.default_rng(seed))
+        got = to_end(segment_motion(tracks, rng=np.random.default_rng(seed)))
         assert not (got.moving & got.static).any()
         assert (got.moving & (labels == 0)).sum() == 0
         assert (got.static & (labels == 1)).sum() <= 1
@@ -61,7 +62,7 @@ def test_moving_and_resting_tracks_are_told_apart(kind: str, last: float, gaps: 
 
 def test_points_by_the_hinge_are_never_called_resting() -> None:
     tracks, labels = simulate("revolute", 0.6, seed=1, n_part=200)
-    got = segment_motion(tracks)
+    got = to_end(segment_motion(tracks))
     by_hinge = (labels == 1) & (tracks.p_world[0, :, 0] < 0.05)
     assert by_hinge.sum() > 10
     assert not got.static[by_hinge].any()
@@ -70,7 +71,7 @@ def test_points_by_the_hinge_are_never_called_resting() -> None:
 @pytest.mark.parametrize("seed", range(5))
 def test_where_nothing_moves_nothing_moved(seed: int) -> None:
     tracks, labels = simulate("prismatic", 0.0, seed, n_bad=12)
-    got = segment_motion(tracks, rng=np.random.default_rng(seed))
+    got = to_end(segment_motion(tracks, rng=np.random.default_rng(seed)))
     assert not got.moving.any()
     assert got.static[labels >= 0].mean() > 0.98
     assert not got.static[labels == -1].any()
@@ -81,14 +82,14 @@ def test_where_nothing_moves_nothing_moved(seed: int) -> None:
 
 def test_noise_twice_as_large_as_claimed_is_still_no_motion() -> None:
     tracks, _ = simulate("prismatic", 0.0, 3)
-    got = segment_motion(PointTracks(tracks.p_world, tracks.cov_world / 4))
+    got = to_end(segment_motion(PointTracks(tracks.p_world, tracks.cov_world / 4)))
     assert not got.moving.any()
     assert got.noise_scale < 3
 
 
 def test_a_part_alone_in_view_moved() -> None:
     tracks, _ = simulate("revolute", 0.5, n_rest=0)
-    got = segment_motion(tracks)
+    got = to_end(segment_motion(tracks))
     assert got.moving.mean() > 0.9
 
 
@@ -96,7 +97,7 @@ def test_tracks_too_short_to_judge_are_said_to_be_lost() -> None:
     tracks, _ = simulate("revolute", 0.5)
     p = tracks.p_world.copy()
     p[2:] = np.nan
-    got = segment_motion(PointTracks(p, tracks.cov_world))
+    got = to_end(segment_motion(PointTracks(p, tracks.cov_world)))
     assert not (got.moving | got.static | got.rejected).any()
     with pytest.raises(TracksLost, match="fewer than 3 of 140 tracks"):
         got.require_motion()
@@ -106,7 +107,7 @@ def test_tracks_too_short_to_judge_are_said_to_be_lost() -> None:
 def test_a_thousand_tracks_over_sixty_frames_take_less_than_a_second() -> None:
     tracks, _ = simulate("revolute", 0.8, T=60, n_part=600, n_rest=350, n_bad=50, gaps=True)
     start = time.perf_counter()
-    segment_motion(tracks)
+    to_end(segment_motion(tracks))
     assert time.perf_counter() - start < 3.0  # 0.7 s on a free core
 
 
@@ -118,20 +119,20 @@ def swinging_hand(last: float, T: int = 20) -> np.ndarray:
 
 def test_with_the_hand_a_few_tracks_suffice_among_many_that_drift() -> None:
     tracks, labels = simulate("revolute", 0.5, 2, n_part=5, n_bad=40)
-    got = segment_motion(tracks, hand_world=swinging_hand(0.5))
+    got = to_end(segment_motion(tracks, hand_world=swinging_hand(0.5)))
     assert got.moving[labels == 1].all()
     assert not got.moving[labels != 1].any()
-    assert not segment_motion(tracks).moving[labels == 1].all()  # alone they are too few
+    assert not to_end(segment_motion(tracks)).moving[labels == 1].all()  # alone they are too few
 
 
 def test_a_hand_that_moves_without_the_part_moves_nothing() -> None:
     tracks, _ = simulate("prismatic", 0.0, 4, n_bad=12)
-    assert not segment_motion(tracks, hand_world=swinging_hand(0.5)).moving.any()
+    assert not to_end(segment_motion(tracks, hand_world=swinging_hand(0.5))).moving.any()
 
 
 def test_a_hand_that_is_not_known_in_some_frames_still_helps() -> None:
     tracks, labels = simulate("revolute", 0.5, 2, n_part=5, n_bad=40)
     hand = swinging_hand(0.5)
     hand[[3, 4, 12]] = np.nan
-    got = segment_motion(tracks, hand_world=hand)
+    got = to_end(segment_motion(tracks, hand_world=hand))
     assert got.moving[labels == 1].all()

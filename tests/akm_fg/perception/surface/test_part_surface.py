@@ -6,6 +6,7 @@ import pytest
 from akm_fg.perception.depth.depth_noise import DepthNoiseModel
 from akm_fg.perception.observe import observe_motion
 from akm_fg.perception.surface.part_surface import PartSurface
+from akm_fg.steps import to_end
 from factors.measurements.dense_registration import dense_cost
 
 PART = 2
@@ -26,7 +27,7 @@ def motions(door):
 
 def _views(surface, motions, frames=FRAMES, known=None):
     known = np.ones(len(motions[0]), dtype=bool) if known is None else known
-    return surface.views(frames, *motions, known)
+    return to_end(surface.views(frames, *motions, known))
 
 
 def test_clouds_lie_on_the_part_in_every_keyframe(surface, motions, door):
