@@ -28,7 +28,7 @@ class SeedingConfig:
     edge_m: float = 0.02  # depth step that counts as an edge
     max_slope: float = 3.0  # tangent between ray and normal, 72 deg: steeper ones cannot be lifted
     min_corner: float = 0.1  # smaller eigenvalue of the mean gradient tensor, (gray levels / px)^2
-    reseed_gap: int = 4  # frames at least between seeds: each costs as much as following them
+    reseed_gap: int = 5  # frames at least between seeds: each costs as much as following them
     reseed_growth: float = 0.5  # of the frames so far, after which new ones are set in any case
     reseed_lost: float = 0.2  # of the points, that calls for new ones
 
