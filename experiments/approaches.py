@@ -24,9 +24,9 @@ from pathlib import Path
 
 import numpy as np
 
-from akm_fg.arm.collision import ArmCollisions
-from akm_fg.arm.kinematics import Q_MAX, Q_MIN
-from akm_fg.arm.limits import LimitUsage
+from akm_fg.arm.body.collision import ArmCollisions
+from akm_fg.arm.body.kinematics import Q_MAX, Q_MIN
+from akm_fg.arm.body.limits import LimitUsage
 from akm_fg.errors import GraspFailed, MotionInfeasible
 from akm_fg.records import FloatArray
 from experiments.rows.json_lines import append_line, whole_lines

@@ -25,7 +25,7 @@ from typing import Literal, get_args
 
 import numpy as np
 
-from akm_fg.arm.limits import LimitUsage, MotionRecorder
+from akm_fg.arm.body.limits import LimitUsage, MotionRecorder
 from akm_fg.cli.demo_config import SimulatorConfig
 from akm_fg.errors import AkmError
 from akm_fg.records import TimedPath

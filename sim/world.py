@@ -12,9 +12,9 @@ import cv2
 import gtsam
 import numpy as np
 
-from akm_fg.arm.description import franka_description
-from akm_fg.arm.kinematics import Q_HOME, FrankaKinematics
-from akm_fg.arm.model import N_ARM
+from akm_fg.arm.body.description import franka_description
+from akm_fg.arm.body.kinematics import Q_HOME, FrankaKinematics
+from akm_fg.arm.body.model import N_ARM
 from akm_fg.records import JointTruth
 from sim.bullet import connect, joint_index, load_urdf, p, quaternion_xyzw
 from sim.camera.robot_meshes import light_panda_urdf

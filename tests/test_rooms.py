@@ -21,10 +21,65 @@ SIM_MAY_IMPORT = ("akm_fg.records", "akm_fg.errors", "akm_fg.interfaces", "akm_f
 # What a real robot needs as much as the simulated one knows no simulator and no estimator.
 ARM = "akm_fg/arm/"
 ARM_MAY_IMPORT = ("akm_fg.arm", "akm_fg.records", "akm_fg.errors", "akm_fg.interfaces", "factors")
+# Inside akm_fg: what a room, or a file beside the rooms, may know of the others. What is not named
+# here puts them together (pipeline, stream, closed loop, settings, backends) and may know all of
+# them but the command line.
+RECORDS = {"records", "errors", "steps"}
+INSIDE = {
+    "records": set(),
+    "errors": set(),
+    "steps": set(),
+    "interfaces": RECORDS,
+    "posterior": RECORDS,
+    "geometry": RECORDS,
+    "perception": RECORDS | {"interfaces", "geometry"},
+    "estimation": RECORDS | {"posterior", "geometry"},
+    "arm": RECORDS | {"interfaces"},
+    "planning": RECORDS | {"posterior"},
+    "io": RECORDS | {"posterior"},
+    "report": RECORDS | {"posterior", "io"},
+    "calibration": RECORDS | {"io"},
+}
+# Rooms of a room, those that others stand on first; each may know those before it and those it is
+# named with. Files beside the rooms stand on all of them, but for those named here.
+INNER = {
+    "akm_fg/estimation": [
+        {"config"},
+        {"joint_prior"},
+        {"sources"},
+        {"given"},
+        {"one_kind"},
+        {"between_kinds"},
+        {"fit"},
+        {"stream"},
+    ],
+    "akm_fg/perception": [
+        {"depth"},
+        {"tracking"},
+        {"moving_part", "observed"},
+        {"change"},
+        {"surface"},
+    ],
+    "akm_fg/arm": [{"body"}, {"motion"}],
+    "factors": [
+        {"adapter", "joint", "packed", "student_t"},
+        {"joint_variables"},
+        {"measurements"},
+        {"priors"},
+    ],
+    "experiments": [
+        {"baselines"},
+        {"peers"},
+        {"scores"},
+        {"rows"},
+        {"trials"},
+        {"pages"},
+    ],
+}
 ONLY_IN = {
     "pybullet": ("sim/",),
     "pybullet_data": ("sim/",),
-    "filterpy": ("akm_fg/relocalization/",),
+    "filterpy": (),  # nobody yet
     "torch": ("akm_fg/backends/", "experiments/baselines/"),
     "ripl_articulation": ("experiments/peers/ripl_runner.py",),
 }
@@ -36,11 +91,60 @@ def _files():
 
 
 def _imports(path):
-    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+    """Modules that a file imports when it runs; those for the type checker alone are left out."""
+    tree = ast.parse(path.read_text(encoding="utf-8"))
+    typing = [n for n in ast.walk(tree) if isinstance(n, ast.If) and _is_type_checking(n.test)]
+    left_out = {id(node) for block in typing for node in ast.walk(block)}
+    for node in ast.walk(tree):
+        if id(node) in left_out:
+            continue
         if isinstance(node, ast.Import):
             yield from (alias.name for alias in node.names)
         elif isinstance(node, ast.ImportFrom) and node.module and node.level == 0:
             yield node.module
+
+
+def _is_type_checking(test):
+    return isinstance(test, ast.Name) and test.id == "TYPE_CHECKING"
+
+
+@pytest.mark.parametrize("path", _files(), ids=lambda p: str(p.relative_to(ROOT)))
+def test_doors_inside_open_one_way_only(path):
+    place = path.relative_to(ROOT).as_posix()
+    here = place.removesuffix(".py").split("/")
+    for module in _imports(path):
+        there = module.split(".")
+        if here[0] == there[0] == "akm_fg" and len(there) > 1 and here[1] != there[1]:
+            known = INSIDE.get(here[1])
+            allowed = there[1] in known if known is not None else there[1] != "cli"
+            assert allowed or here[1] == "cli", f"{place} imports {module}"
+        for room, order in INNER.items():
+            outer = room.split("/")
+            depth = len(outer)
+            if here[:depth] == there[:depth] == outer and len(here) > depth < len(there):
+                one, other = here[depth], there[depth]
+                rank = {name: i for i, names in enumerate(order) for name in names}
+                high = len(order)  # files beside the rooms
+                below = rank.get(other, high) <= rank.get(one, high)
+                assert below, f"{place} imports {module}"
+
+
+def test_the_rooms_that_the_guards_name_exist():
+    for room, order in INNER.items():
+        for name in set().union(*order):
+            assert (ROOT / room / name).is_dir() or (ROOT / room / f"{name}.py").is_file(), name
+    for name in INSIDE:
+        assert (ROOT / "akm_fg" / name).is_dir() or (ROOT / "akm_fg" / f"{name}.py").is_file(), name
+    for places in ONLY_IN.values():
+        assert all((ROOT / place).exists() for place in places), places
+    assert (ROOT / COMPOSITION).is_dir() and (ROOT / ARM).is_dir()
+
+
+@pytest.mark.parametrize("room", [*ROOMS, "tests"])
+def test_no_folder_holds_more_than_about_a_dozen_files(room):
+    for folder in [ROOT / room, *(p for p in (ROOT / room).rglob("*") if p.is_dir())]:
+        files = [p for p in folder.glob("*.py") if p.name not in ("__init__.py", "conftest.py")]
+        assert len(files) <= 14, folder
 
 
 @pytest.mark.parametrize("path", _files(), ids=lambda p: str(p.relative_to(ROOT)))
@@ -89,8 +193,8 @@ import importlib, pkgutil, sys
 import akm_fg.arm
 for module in pkgutil.walk_packages(akm_fg.arm.__path__, "akm_fg.arm."):
     importlib.import_module(module.name)
-from akm_fg.arm.collision import ArmCollisions
-from akm_fg.arm.kinematics import Q_HOME, FrankaKinematics
+from akm_fg.arm.body.collision import ArmCollisions
+from akm_fg.arm.body.kinematics import Q_HOME, FrankaKinematics
 FrankaKinematics().T_world_gripper(Q_HOME)
 assert ArmCollisions([], 0.0).free(Q_HOME)
 strange = ("pybullet", "pybullet_data", "sim", "experiments")

@@ -116,7 +116,7 @@ def renderer() -> str:
 
 def arm_description() -> str:
     """Where the description of the arm is that is taken where none is given."""
-    from akm_fg.arm.description import franka_description
+    from akm_fg.arm.body.description import franka_description
 
     try:
         return str(franka_description().urdf)

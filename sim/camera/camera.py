@@ -12,7 +12,7 @@ import gtsam
 import numpy as np
 from numpy.typing import NDArray
 
-from akm_fg.arm.description import ArmDescription
+from akm_fg.arm.body.description import ArmDescription
 from akm_fg.records import RgbdFrame
 from sim.bullet import connect, load_urdf, p
 from sim.camera.materials import MATT, specular_of

@@ -18,8 +18,8 @@ import cv2
 import gtsam
 import numpy as np
 
-from akm_fg.arm.kinematics import Q_HOME
-from akm_fg.arm.model import N_ARM
+from akm_fg.arm.body.kinematics import Q_HOME
+from akm_fg.arm.body.model import N_ARM
 from akm_fg.errors import MotionInfeasible
 from akm_fg.records import FloatArray, PinholeCamera, RgbdFrame
 from sim.bullet import joint_index, load_urdf, p, quaternion_xyzw

@@ -14,7 +14,7 @@ from pathlib import Path
 
 import numpy as np
 
-from akm_fg.arm.description import ArmDescription
+from akm_fg.arm.body.description import ArmDescription
 from akm_fg.records import FloatArray
 from sim.cache import digest, kept
 from sim.objects.obj_files import IntArray

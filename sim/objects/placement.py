@@ -10,8 +10,8 @@ from dataclasses import dataclass
 import gtsam
 import numpy as np
 
-from akm_fg.arm.kinematics import FrankaKinematics, limit_margin_rad
-from akm_fg.arm.reaching import choose_grasp_configuration
+from akm_fg.arm.body.kinematics import FrankaKinematics, limit_margin_rad
+from akm_fg.arm.motion.reaching import choose_grasp_configuration
 from akm_fg.errors import MotionInfeasible
 from akm_fg.records import FloatArray
 from sim.objects.part_spec import BuiltObject

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 from pathlib import Path
 
-from akm_fg.arm.kinematics import FrankaKinematics
+from akm_fg.arm.body.kinematics import FrankaKinematics
 from akm_fg.errors import InputError
 from sim.cache import code_digest, digest, kept
 from sim.objects.embedded import (

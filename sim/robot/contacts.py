@@ -9,7 +9,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Any
 
-from akm_fg.arm.model import FINGER_JOINTS
+from akm_fg.arm.body.model import FINGER_JOINTS
 from sim.bullet import joint_index, p
 
 # Places in PyBullet's contact point: bodies, links, distance and normal force.

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from akm_fg.arm.limits import MotionRecorder, TorqueLimiter
-from akm_fg.arm.model import N_ARM
+from akm_fg.arm.body.limits import MotionRecorder, TorqueLimiter
+from akm_fg.arm.body.model import N_ARM
 from akm_fg.records import FloatArray
 from sim.bullet import p
 from sim.robot.gripper import SimGripper

@@ -7,23 +7,23 @@ from collections.abc import Generator, Iterator, Sequence
 import gtsam
 import numpy as np
 
-from akm_fg.arm.collision import Obstacle
-from akm_fg.arm.free_motion import RrtConnectPlanner, timed_motion
-from akm_fg.arm.impedance import cartesian_torques, joint_impedance
-from akm_fg.arm.kinematics import Q_HOME, pose_error
-from akm_fg.arm.limits import MotionRecorder
-from akm_fg.arm.model import N_ARM
-from akm_fg.arm.pulling import Pull
-from akm_fg.arm.reaching import (
+from akm_fg.arm.body.collision import Obstacle
+from akm_fg.arm.body.impedance import cartesian_torques, joint_impedance
+from akm_fg.arm.body.kinematics import Q_HOME, pose_error
+from akm_fg.arm.body.limits import MotionRecorder
+from akm_fg.arm.body.model import N_ARM
+from akm_fg.arm.motion.free_motion import RrtConnectPlanner, timed_motion
+from akm_fg.arm.motion.pulling import Pull
+from akm_fg.arm.motion.reaching import (
     GraspConfiguration,
     GraspOptions,
     grasp_options,
     line_motion,
     standoff,
 )
-from akm_fg.arm.reference import pose_reference, within_joint_limits
-from akm_fg.arm.surroundings import KnownScene, Surroundings
-from akm_fg.arm.tracking import PathTracker
+from akm_fg.arm.motion.reference import pose_reference, within_joint_limits
+from akm_fg.arm.motion.surroundings import KnownScene, Surroundings
+from akm_fg.arm.motion.tracking import PathTracker
 from akm_fg.errors import GraspFailed, MotionInfeasible
 from akm_fg.records import FloatArray, RgbdFrame, TimedPath
 from sim.robot.drive import ArmDrive

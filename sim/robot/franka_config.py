@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
-from akm_fg.arm.free_motion import PlanConfig
-from akm_fg.arm.impedance import ImpedanceConfig, JointImpedanceConfig
-from akm_fg.arm.joint_path import TimeLawConfig
-from akm_fg.arm.pulling import PullConfig
-from akm_fg.arm.reaching import ReachConfig
-from akm_fg.arm.surroundings import AroundConfig
-from akm_fg.arm.tracking import TrackConfig
+from akm_fg.arm.body.impedance import ImpedanceConfig, JointImpedanceConfig
+from akm_fg.arm.motion.free_motion import PlanConfig
+from akm_fg.arm.motion.joint_path import TimeLawConfig
+from akm_fg.arm.motion.pulling import PullConfig
+from akm_fg.arm.motion.reaching import ReachConfig
+from akm_fg.arm.motion.surroundings import AroundConfig
+from akm_fg.arm.motion.tracking import TrackConfig
 from sim.robot.gripper import GripperConfig
 
 

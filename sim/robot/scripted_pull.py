@@ -12,7 +12,7 @@ from collections.abc import Sequence
 import gtsam
 import numpy as np
 
-from akm_fg.arm.reaching import ReachConfig, choose_grasp_configuration
+from akm_fg.arm.motion.reaching import ReachConfig, choose_grasp_configuration
 from akm_fg.errors import MotionInfeasible
 from akm_fg.records import FloatArray
 from sim.bullet import p

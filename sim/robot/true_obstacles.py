@@ -1,6 +1,6 @@
 """The obstacles as the simulator has them. FOR TESTS AND SCORING ALONE: no part of the program.
 
-What the arm may know of the scene comes from its camera (`akm_fg.arm.obstacle_map`).
+What the arm may know of the scene comes from its camera (`akm_fg.arm.motion.obstacle_map`).
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ import coal
 import gtsam
 import numpy as np
 
-from akm_fg.arm.collision import Obstacle
+from akm_fg.arm.body.collision import Obstacle
 from sim.bullet import p
 from sim.world import SimWorld
 

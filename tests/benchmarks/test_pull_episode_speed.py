@@ -13,9 +13,9 @@ import pytest
 
 pytest.importorskip("pybullet", reason="the simulator is not installed")
 
-from akm_fg.arm.impedance import ImpedanceConfig, cartesian_torques
-from akm_fg.arm.kinematics import Q_HOME
-from akm_fg.arm.pulling import Pull, PullConfig
+from akm_fg.arm.body.impedance import ImpedanceConfig, cartesian_torques
+from akm_fg.arm.body.kinematics import Q_HOME
+from akm_fg.arm.motion.pulling import Pull, PullConfig
 from sim.episode import SimEpisode, open_world
 
 FRAMES = 30

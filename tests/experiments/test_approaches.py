@@ -5,8 +5,8 @@ from pathlib import Path
 
 import pytest
 
-from akm_fg.arm.collision import ArmCollisions
-from akm_fg.arm.surroundings import KnownScene, Surroundings
+from akm_fg.arm.body.collision import ArmCollisions
+from akm_fg.arm.motion.surroundings import KnownScene, Surroundings
 from experiments import approaches
 from experiments.approaches import ApproachRow, reason, report, run_trial
 from sim.robot.franka import SimFranka

@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 import akm_fg.arm
-from akm_fg.arm.kinematics import FrankaKinematics
+from akm_fg.arm.body.kinematics import FrankaKinematics
 from sim import cache
 from sim.cache import (
     SCRATCH,

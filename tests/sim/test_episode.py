@@ -8,9 +8,9 @@ import gtsam
 import numpy as np
 import pytest
 
-from akm_fg.arm.kinematics import Q_HOME
-from akm_fg.arm.limits import MotionRecorder
-from akm_fg.arm.reaching import GraspConfiguration
+from akm_fg.arm.body.kinematics import Q_HOME
+from akm_fg.arm.body.limits import MotionRecorder
+from akm_fg.arm.motion.reaching import GraspConfiguration
 from akm_fg.errors import GraspFailed, MotionInfeasible
 from akm_fg.records import TimedPath
 from sim.bullet import p

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from akm_fg.arm.kinematics import FrankaKinematics
+from akm_fg.arm.body.kinematics import FrankaKinematics
 from akm_fg.errors import MotionInfeasible
 from sim.objects.imported.imported_spec import ImportedSpec
 from sim.objects.part_spec import BuiltObject

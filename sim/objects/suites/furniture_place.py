@@ -13,8 +13,8 @@ from typing import Protocol
 import gtsam
 import numpy as np
 
-from akm_fg.arm.kinematics import FrankaKinematics, limit_margin_rad
-from akm_fg.arm.reaching import ReachConfig, choose_grasp_configuration
+from akm_fg.arm.body.kinematics import FrankaKinematics, limit_margin_rad
+from akm_fg.arm.motion.reaching import ReachConfig, choose_grasp_configuration
 from akm_fg.errors import MotionInfeasible
 from akm_fg.records import FloatArray
 from sim.objects.part_spec import BuiltObject

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.spatial import cKDTree
 
-from akm_fg.arm.description import franka_description
+from akm_fg.arm.body.description import franka_description
 from sim.camera.robot_meshes import Triangles, light_panda_urdf, merged, read_obj, write_obj
 
 PANDA = franka_description()

@@ -8,9 +8,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from akm_fg.arm.collision import ArmCollisions
-from akm_fg.arm.model import FINGERS
-from akm_fg.arm.reaching import ReachConfig, choose_grasp_configuration
+from akm_fg.arm.body.collision import ArmCollisions
+from akm_fg.arm.body.model import FINGERS
+from akm_fg.arm.motion.reaching import ReachConfig, choose_grasp_configuration
 from akm_fg.errors import InputError
 from sim.bullet import p
 from sim.episode import open_world

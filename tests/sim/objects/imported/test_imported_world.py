@@ -198,7 +198,7 @@ def test_another_process_gets_the_very_same_object(mobility_object, tmp_path: Pa
     folder = mobility_object().write(tmp_path / "1")
     code = (
         "import sys; from sim.objects.staging import find_spec, stage; "
-        "from akm_fg.arm.kinematics import FrankaKinematics; "
+        "from akm_fg.arm.body.kinematics import FrankaKinematics; "
         "from sim.objects.object_record import RECORD; b, _ = stage(find_spec("
         "sys.argv[1], 5), FrankaKinematics()); print((b.urdf.parent / RECORD).read_text())"
     )

@@ -3,8 +3,8 @@ from __future__ import annotations
 import gtsam
 import numpy as np
 
-from akm_fg.arm.description import franka_description
-from akm_fg.arm.kinematics import (
+from akm_fg.arm.body.description import franka_description
+from akm_fg.arm.body.kinematics import (
     Q_HOME,
     Q_MAX,
     Q_MIN,

@@ -1,6 +1,7 @@
 """The real arm's limits on what is commanded, and how much of them a motion used.
 
-Joint limits are Franka's published ones (`akm_fg.arm.kinematics`); the torque rate is that of the
+Joint limits are Franka's published ones (`akm_fg.arm.body.kinematics`); the torque rate is that of
+the
 Franka Control Interface ("Robot and interface specifications", Panda): 1000 N m/s in every joint.
 """
 
@@ -10,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from akm_fg.arm.kinematics import DDDQ_MAX, DDQ_MAX, DQ_MAX, Q_MAX, Q_MIN, TAU_MAX
+from akm_fg.arm.body.kinematics import DDDQ_MAX, DDQ_MAX, DQ_MAX, Q_MAX, Q_MIN, TAU_MAX
 from akm_fg.records import FloatArray
 
 TAU_RATE_MAX = np.full(7, 1000.0)  # N m/s

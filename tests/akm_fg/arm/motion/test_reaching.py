@@ -7,13 +7,18 @@ import gtsam
 import numpy as np
 import pinocchio as pin
 
-from akm_fg.arm.collision import Obstacle, _robot
-from akm_fg.arm.description import franka_description
-from akm_fg.arm.kinematics import Q_HOME, FrankaKinematics
-from akm_fg.arm.model import ROBOT_LINKS
-from akm_fg.arm.obstacle_map import ObstacleMap
-from akm_fg.arm.reaching import ReachConfig, choose_grasp_configuration, grasp_options, standoff
-from akm_fg.arm.surroundings import AroundConfig, SeenAround, Surroundings, surroundings
+from akm_fg.arm.body.collision import Obstacle, _robot
+from akm_fg.arm.body.description import franka_description
+from akm_fg.arm.body.kinematics import Q_HOME, FrankaKinematics
+from akm_fg.arm.body.model import ROBOT_LINKS
+from akm_fg.arm.motion.obstacle_map import ObstacleMap
+from akm_fg.arm.motion.reaching import (
+    ReachConfig,
+    choose_grasp_configuration,
+    grasp_options,
+    standoff,
+)
+from akm_fg.arm.motion.surroundings import AroundConfig, SeenAround, Surroundings, surroundings
 
 R_FORWARD = gtsam.Rot3(np.array([[0, 0, 1.0], [0, 1.0, 0], [-1.0, 0, 0]]))
 GRASP = gtsam.Pose3(R_FORWARD, np.array([0.6, 0.1, 0.5]))

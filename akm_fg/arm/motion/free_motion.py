@@ -13,10 +13,10 @@ from typing import Any, Protocol
 import numpy as np
 from ompl import base, geometric, util
 
-from akm_fg.arm.collision import ArmCollisions
-from akm_fg.arm.joint_path import JointMotion, TimeLawConfig, joint_motion
-from akm_fg.arm.kinematics import Q_MAX, Q_MIN, limit_margin_rad
-from akm_fg.arm.model import N_ARM
+from akm_fg.arm.body.collision import ArmCollisions
+from akm_fg.arm.body.kinematics import Q_MAX, Q_MIN, limit_margin_rad
+from akm_fg.arm.body.model import N_ARM
+from akm_fg.arm.motion.joint_path import JointMotion, TimeLawConfig, joint_motion
 from akm_fg.errors import MotionInfeasible
 from akm_fg.records import FloatArray
 

@@ -12,10 +12,10 @@ from dataclasses import dataclass, field, replace
 import gtsam
 import numpy as np
 
-from akm_fg.arm.collision import ArmCollisions, Obstacle
-from akm_fg.arm.description import ArmDescription
-from akm_fg.arm.model import FINGERS, HAND
-from akm_fg.arm.obstacle_map import MapConfig, ObstacleMap, map_from_frame, own_surroundings
+from akm_fg.arm.body.collision import ArmCollisions, Obstacle
+from akm_fg.arm.body.description import ArmDescription
+from akm_fg.arm.body.model import FINGERS, HAND
+from akm_fg.arm.motion.obstacle_map import MapConfig, ObstacleMap, map_from_frame, own_surroundings
 from akm_fg.records import BoolArray, FloatArray, RgbdFrame
 
 WRIST = "panda_link7"  # carries the hand, and goes where it goes

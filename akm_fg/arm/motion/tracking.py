@@ -6,9 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from akm_fg.arm.impedance import bounded
-from akm_fg.arm.kinematics import rotation_vector
-from akm_fg.arm.reference import PoseReference
+from akm_fg.arm.body.impedance import bounded
+from akm_fg.arm.body.kinematics import rotation_vector
+from akm_fg.arm.motion.reference import PoseReference
 from akm_fg.records import FloatArray
 
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from akm_fg.arm.kinematics import DDDQ_MAX, DDQ_MAX, DQ_MAX, Q_HOME, Q_MAX, TAU_MAX
-from akm_fg.arm.limits import ExecutedMotion, MotionRecorder, TorqueLimiter
+from akm_fg.arm.body.kinematics import DDDQ_MAX, DDQ_MAX, DQ_MAX, Q_HOME, Q_MAX, TAU_MAX
+from akm_fg.arm.body.limits import ExecutedMotion, MotionRecorder, TorqueLimiter
 
 STEP_S = 1e-3
 

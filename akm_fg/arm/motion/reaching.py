@@ -9,10 +9,10 @@ import gtsam
 import numpy as np
 import ruckig
 
-from akm_fg.arm.collision import resampled
-from akm_fg.arm.kinematics import Q_HOME, Q_MAX, Q_MIN, FrankaKinematics, limit_margin_rad
-from akm_fg.arm.model import N_ARM
-from akm_fg.arm.surroundings import Surroundings
+from akm_fg.arm.body.collision import resampled
+from akm_fg.arm.body.kinematics import Q_HOME, Q_MAX, Q_MIN, FrankaKinematics, limit_margin_rad
+from akm_fg.arm.body.model import N_ARM
+from akm_fg.arm.motion.surroundings import Surroundings
 from akm_fg.records import FloatArray
 
 SAME_RAD = 0.05  # joint angles nearer than this belong to one branch

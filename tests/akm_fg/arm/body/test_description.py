@@ -11,13 +11,13 @@ import gtsam
 import numpy as np
 import pytest
 
-from akm_fg.arm import description
-from akm_fg.arm.collision import ArmCollisions, arm_corners, inside_arm
-from akm_fg.arm.description import ArmDescription, franka_description
-from akm_fg.arm.kinematics import Q_HOME, FrankaKinematics
-from akm_fg.arm.model import ROBOT_LINKS, read_meshes, read_model
-from akm_fg.arm.silhouette import ArmSilhouette
-from akm_fg.arm.surroundings import KnownScene
+from akm_fg.arm.body import description
+from akm_fg.arm.body.collision import ArmCollisions, arm_corners, inside_arm
+from akm_fg.arm.body.description import ArmDescription, franka_description
+from akm_fg.arm.body.kinematics import Q_HOME, FrankaKinematics
+from akm_fg.arm.body.model import ROBOT_LINKS, read_meshes, read_model
+from akm_fg.arm.body.silhouette import ArmSilhouette
+from akm_fg.arm.motion.surroundings import KnownScene
 from akm_fg.errors import InputError, MissingDependency
 from akm_fg.records import PinholeCamera, RgbdFrame
 from sim.camera.views import look_at

@@ -22,7 +22,7 @@ FRANKA_URDF = Path("franka_panda") / "panda.urdf"
 class ArmDescription:
     """A URDF of the Franka with its hand; links and joints are called as in Franka's own.
 
-    What it says is checked where it is read (`akm_fg.arm.model`).
+    What it says is checked where it is read (`akm_fg.arm.body.model`).
     """
 
     urdf: Path

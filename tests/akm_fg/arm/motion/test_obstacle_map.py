@@ -8,17 +8,17 @@ import gtsam
 import numpy as np
 import pytest
 
-from akm_fg.arm.collision import ArmCollisions, Obstacle, arm_corners
-from akm_fg.arm.kinematics import Q_HOME, Q_MAX, Q_MIN, FrankaKinematics
-from akm_fg.arm.obstacle_map import (
+from akm_fg.arm.body.collision import ArmCollisions, Obstacle, arm_corners
+from akm_fg.arm.body.kinematics import Q_HOME, Q_MAX, Q_MIN, FrankaKinematics
+from akm_fg.arm.motion.obstacle_map import (
     MapConfig,
     ObstacleMap,
     _arm_in_picture,
     map_from_frame,
     own_surroundings,
 )
-from akm_fg.arm.reaching import ReachConfig
-from akm_fg.arm.surroundings import GraspRoom
+from akm_fg.arm.motion.reaching import ReachConfig
+from akm_fg.arm.motion.surroundings import GraspRoom
 from akm_fg.records import PinholeCamera, RgbdFrame
 from sim.camera.noise import NOISE_LEVELS, noisy_depth
 from sim.camera.views import look_at

@@ -1,4 +1,4 @@
-"""Kinematics and dynamics of the Franka, from its description (`akm_fg.arm.description`).
+"""Kinematics and dynamics of the Franka, from its description (`akm_fg.arm.body.description`).
 
 The gripper frame is a frame of the URDF between the fingertips, z forward, y along the finger
 opening: `panda_grasptarget` by default. World is the robot's base.
@@ -15,8 +15,8 @@ import pinocchio as pin
 from pink.limits import ConfigurationLimit
 from pink.tasks import FrameTask, PostureTask
 
-from akm_fg.arm.description import ArmDescription, franka_description
-from akm_fg.arm.model import FINGER_JOINTS, N_ARM, read_model
+from akm_fg.arm.body.description import ArmDescription, franka_description
+from akm_fg.arm.body.model import FINGER_JOINTS, N_ARM, read_model
 from akm_fg.records import FloatArray
 
 # The soft limits of the URDF's <safety_controller>, rad; the URDF's <limit>s are wider than the

@@ -8,7 +8,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from akm_fg.arm.collision import (
+from akm_fg.arm.body.collision import (
     REACH_OF_JOINT_M,
     SELF_PAIRS,
     ArmCollisions,
@@ -17,9 +17,9 @@ from akm_fg.arm.collision import (
     inside_arm,
     resampled,
 )
-from akm_fg.arm.description import franka_description
-from akm_fg.arm.kinematics import Q_HOME, Q_MAX, Q_MIN, FrankaKinematics
-from akm_fg.arm.model import ROBOT_LINKS
+from akm_fg.arm.body.description import franka_description
+from akm_fg.arm.body.kinematics import Q_HOME, Q_MAX, Q_MIN, FrankaKinematics
+from akm_fg.arm.body.model import ROBOT_LINKS
 from sim.bullet import p
 from sim.robot.contacts import nearby
 from sim.robot.true_obstacles import true_obstacles

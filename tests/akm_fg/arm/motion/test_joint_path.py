@@ -7,9 +7,9 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from akm_fg.arm.joint_path import TimeLawConfig, joint_motion
-from akm_fg.arm.kinematics import DDDQ_MAX, DDQ_MAX, DQ_MAX, Q_HOME, Q_MAX, Q_MIN
-from akm_fg.arm.limits import ExecutedMotion
+from akm_fg.arm.body.kinematics import DDDQ_MAX, DDQ_MAX, DQ_MAX, Q_HOME, Q_MAX, Q_MIN
+from akm_fg.arm.body.limits import ExecutedMotion
+from akm_fg.arm.motion.joint_path import TimeLawConfig, joint_motion
 from akm_fg.errors import MotionInfeasible
 
 STEP_S = 1e-3

@@ -11,8 +11,8 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.linalg.lapack import dposv
 
-from akm_fg.arm.kinematics import Q_MAX, Q_MIN
-from akm_fg.arm.model import N_ARM
+from akm_fg.arm.body.kinematics import Q_MAX, Q_MIN
+from akm_fg.arm.body.model import N_ARM
 from akm_fg.records import FloatArray
 
 _REGULAR = 1e-6 * np.eye(6)  # of J J^T, so that a singular arm has a null space too

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 import ruckig
 
-from akm_fg.arm.kinematics import DDDQ_MAX, DDQ_MAX, DQ_MAX, limit_margin_rad
+from akm_fg.arm.body.kinematics import DDDQ_MAX, DDQ_MAX, DQ_MAX, limit_margin_rad
 from akm_fg.errors import MotionInfeasible
 from akm_fg.records import FloatArray
 

@@ -11,7 +11,7 @@ from xml.etree import ElementTree
 
 import pinocchio as pin
 
-from akm_fg.arm.description import ArmDescription
+from akm_fg.arm.body.description import ArmDescription
 from akm_fg.errors import InputError
 
 N_ARM = 7

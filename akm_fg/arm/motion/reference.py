@@ -12,7 +12,7 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 from scipy.spatial.transform import Rotation
 
-from akm_fg.arm.kinematics import DDDQ_MAX, DDQ_MAX, DQ_MAX, FrankaKinematics
+from akm_fg.arm.body.kinematics import DDDQ_MAX, DDQ_MAX, DQ_MAX, FrankaKinematics
 from akm_fg.records import FloatArray, TimedPath
 
 SHARE_MAX = 0.8  # of the joints' limits; what is left is for following the reference

@@ -6,7 +6,7 @@ the surface: what the camera cannot see may be solid. Space outside the picture 
 taken as free: the arm could not leave its own shadow otherwise. The arm's own space is free.
 Only the shell of the occupied space is kept (the arm cannot get inside without crossing it), as
 an octree. Of each voxel the map knows whether a surface was seen in it or whether it is only hidden
-behind one: a hand may have to go where nobody could look (`akm_fg.arm.reaching`).
+behind one: a hand may have to go where nobody could look (`akm_fg.arm.motion.reaching`).
 """
 
 from __future__ import annotations
@@ -20,8 +20,8 @@ import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
-from akm_fg.arm.collision import Obstacle, arm_corners, inside_arm
-from akm_fg.arm.description import ArmDescription
+from akm_fg.arm.body.collision import Obstacle, arm_corners, inside_arm
+from akm_fg.arm.body.description import ArmDescription
 from akm_fg.records import BoolArray, FloatArray, RgbdFrame
 
 FLOOR_M = 6.0  # side of the floor: more than the arm can reach
@@ -31,7 +31,7 @@ PEDESTAL_X_M = -0.05  # of its middle
 
 @dataclass(frozen=True, slots=True)
 class MapConfig:
-    """Resolution and extent of the map; the arm's distance from it: `akm_fg.arm.reaching`."""
+    """Resolution and extent of the map; how far the arm keeps from it: `reaching`."""
 
     voxel_m: float = 0.02
     lower_m: tuple[float, float, float] = (-0.30, -0.96, -0.62)  # corners of what is mapped:

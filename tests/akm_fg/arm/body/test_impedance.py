@@ -5,14 +5,14 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from akm_fg.arm.impedance import (
+from akm_fg.arm.body.impedance import (
     ImpedanceConfig,
     JointImpedanceConfig,
     bounded,
     cartesian_torques,
     joint_impedance,
 )
-from akm_fg.arm.kinematics import Q_HOME, Q_MAX, Q_MIN, FrankaKinematics
+from akm_fg.arm.body.kinematics import Q_HOME, Q_MAX, Q_MIN, FrankaKinematics
 
 STILL = np.zeros(7)
 

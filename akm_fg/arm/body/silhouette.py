@@ -18,8 +18,8 @@ import open3d as o3d
 import pinocchio as pin
 from numpy.typing import NDArray
 
-from akm_fg.arm.description import ArmDescription, franka_description
-from akm_fg.arm.model import N_ARM, read_meshes, read_model
+from akm_fg.arm.body.description import ArmDescription, franka_description
+from akm_fg.arm.body.model import N_ARM, read_meshes, read_model
 from akm_fg.errors import InputError
 from akm_fg.records import BoolArray, FloatArray, PinholeCamera, RgbdFrame
 

@@ -10,8 +10,8 @@ import gtsam
 import numpy as np
 import pytest
 
-from akm_fg.arm.kinematics import Q_HOME, Q_MAX, Q_MIN, FrankaKinematics
-from akm_fg.arm.silhouette import ArmSilhouette, SilhouetteConfig
+from akm_fg.arm.body.kinematics import Q_HOME, Q_MAX, Q_MIN, FrankaKinematics
+from akm_fg.arm.body.silhouette import ArmSilhouette, SilhouetteConfig
 from akm_fg.records import PinholeCamera, RgbdFrame
 from sim.bullet import p
 from sim.camera.camera import CameraConfig, SimCamera

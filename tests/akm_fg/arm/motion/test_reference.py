@@ -6,8 +6,8 @@ import gtsam
 import numpy as np
 import pytest
 
-from akm_fg.arm.kinematics import DDDQ_MAX, DDQ_MAX, DQ_MAX, Q_HOME, FrankaKinematics
-from akm_fg.arm.reference import pose_reference, within_joint_limits
+from akm_fg.arm.body.kinematics import DDDQ_MAX, DDQ_MAX, DQ_MAX, Q_HOME, FrankaKinematics
+from akm_fg.arm.motion.reference import pose_reference, within_joint_limits
 from akm_fg.records import TimedPath
 
 STEP_S = 1e-3

@@ -4,10 +4,10 @@ import gtsam
 import numpy as np
 from numpy.testing import assert_allclose
 
-from akm_fg.arm.description import ArmDescription, franka_description
-from akm_fg.arm.kinematics import Q_HOME
-from akm_fg.arm.obstacle_map import MapConfig, ObstacleMap
-from akm_fg.arm.surroundings import AroundConfig, KnownScene
+from akm_fg.arm.body.description import ArmDescription, franka_description
+from akm_fg.arm.body.kinematics import Q_HOME
+from akm_fg.arm.motion.obstacle_map import MapConfig, ObstacleMap
+from akm_fg.arm.motion.surroundings import AroundConfig, KnownScene
 from akm_fg.records import PinholeCamera, RgbdFrame
 
 FRAME = RgbdFrame(

@@ -7,10 +7,8 @@ import gtsam
 import numpy as np
 import pytest
 
-from akm_fg.arm.collision import ArmCollisions, Obstacle, resampled
-from akm_fg.arm.free_motion import FreeMotionPlanner, PlanConfig, RrtConnectPlanner, timed_motion
-from akm_fg.arm.joint_path import TimeLawConfig
-from akm_fg.arm.kinematics import (
+from akm_fg.arm.body.collision import ArmCollisions, Obstacle, resampled
+from akm_fg.arm.body.kinematics import (
     DDDQ_MAX,
     DDQ_MAX,
     DQ_MAX,
@@ -18,6 +16,13 @@ from akm_fg.arm.kinematics import (
     FrankaKinematics,
     limit_margin_rad,
 )
+from akm_fg.arm.motion.free_motion import (
+    FreeMotionPlanner,
+    PlanConfig,
+    RrtConnectPlanner,
+    timed_motion,
+)
+from akm_fg.arm.motion.joint_path import TimeLawConfig
 from akm_fg.errors import MotionInfeasible
 from akm_fg.records import FloatArray
 

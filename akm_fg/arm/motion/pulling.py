@@ -12,8 +12,8 @@ from dataclasses import dataclass
 import numpy as np
 import pinocchio as pin
 
-from akm_fg.arm.impedance import bounded
-from akm_fg.arm.kinematics import rotation_vector
+from akm_fg.arm.body.impedance import bounded
+from akm_fg.arm.body.kinematics import rotation_vector
 from akm_fg.records import FloatArray
 
 

@@ -2,8 +2,8 @@
 
 The arm's parts are the convex hulls of the URDF's collision meshes, which is also how PyBullet
 takes them. Obstacles may be any geometry of coal, in the world frame. All knowledge of the scene
-comes in through `Obstacle`: from a camera frame (`akm_fg.arm.obstacle_map`) or, for tests alone,
-from the simulator's truth (`sim.robot.true_obstacles`).
+comes in through `Obstacle`: from a camera frame (`akm_fg.arm.motion.obstacle_map`) or, for tests
+alone, from the simulator's truth (`sim.robot.true_obstacles`).
 """
 
 from __future__ import annotations
@@ -18,8 +18,8 @@ import numpy as np
 import pinocchio as pin
 from scipy.spatial import ConvexHull
 
-from akm_fg.arm.description import ArmDescription, franka_description
-from akm_fg.arm.model import N_ARM, ROBOT_LINKS, read_meshes, read_model
+from akm_fg.arm.body.description import ArmDescription, franka_description
+from akm_fg.arm.body.model import N_ARM, ROBOT_LINKS, read_meshes, read_model
 from akm_fg.records import BoolArray, FloatArray
 
 # The pairs of parts that can meet within the joint limits, by place in ROBOT_LINKS; no others do

@@ -1,0 +1,1 @@
+"""How the arm moves: obstacles, free ways, grasps it can reach, timing, pulls and paths."""
