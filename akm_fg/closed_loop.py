@@ -28,6 +28,7 @@ from akm_fg.planning.opening_path import HandLimits, plan_opening
 from akm_fg.posterior import JointPosterior, StatePosterior
 from akm_fg.records import FloatArray, Recording, RgbdFrame, RoundSummary
 from akm_fg.stages import RecordingFit
+from factors.joint import JointKind
 
 log = logging.getLogger(__name__)
 
@@ -45,9 +46,9 @@ class EpisodeConfig:
     tolerance_rad: float = float(np.deg2rad(1.5))
     limits: HandLimits = field(default_factory=HandLimits)
 
-    def tolerance(self, kind: str) -> float:
+    def tolerance(self, kind: JointKind) -> float:
         """In the unit of the kind's state."""
-        return self.tolerance_m if kind == "prismatic" else self.tolerance_rad
+        return self.tolerance_rad if kind.turns else self.tolerance_m
 
 
 @dataclass(frozen=True, slots=True)

@@ -23,6 +23,7 @@ from akm_fg.pipeline import fit_recording
 from akm_fg.records import JointTruth
 from akm_fg.report.summary import ArmRecord, Goal, PartTracks, RunSummary
 from akm_fg.stages import Stages
+from factors.joint import JointKind
 from sim.episode import SimEpisode, open_world
 from sim.robot.slip import SlipGauge
 
@@ -169,7 +170,8 @@ class _Measured:
 
 def _summary(request: RunRequest, name: str, episode: Episode, measured: _Measured) -> RunSummary:
     fit, n = episode.fit, len(episode.looks)
-    kind, wanted = next(iter(request.target.items()))
+    name_of_kind, wanted = next(iter(request.target.items()))
+    kind = JointKind(name_of_kind)
     tracks = None
     if fit is not None:
         parts = fit.observed.segmentation
@@ -184,9 +186,7 @@ def _summary(request: RunRequest, name: str, episode: Episode, measured: _Measur
         tracks=tracks,
         posterior=None if fit is None else fit.posterior,
         truth=measured.truth,
-        goal=Goal(
-            wanted, request.config.episode.tolerance(kind), "m" if kind == "prismatic" else "rad"
-        ),
+        goal=Goal(wanted, request.config.episode.tolerance(kind), kind.unit),
         rounds=tuple(episode.rounds),
         final_state_true=measured.final_state - float(measured.truth.states[0]),
         arm=measured.arm,

@@ -25,9 +25,10 @@ from akm_fg.records import (
     Recording,
     RgbdFrame,
 )
+from factors.joint import JointKind
 
 SCHEMA = "akm-fg/recording/1"
-KINDS = ("rigid", "prismatic", "revolute", "helical")
+KINDS = ("rigid", *map(str, JointKind))
 UNIT_TOLERANCE = 1e-3  # of an axis' length: more is not rounding
 
 
@@ -184,7 +185,7 @@ def read_truth(folder: Path) -> JointTruth | None:
     pivot = None
     if truth.has("pivot"):
         pivot = truth.array("pivot", (3,), "a point in the world frame, metres, or null")
-    elif kind in ("revolute", "helical"):
+    elif not rigid and JointKind(kind).turns:
         raise truth.error("pivot", "is missing", "a point of the axis in the world frame, metres")
     states = truth.array("states", (n,), f"{n} joint states, one for each of `stamps_s`")
     return JointTruth(cast(KindName, kind), axis, pivot, states)

@@ -111,8 +111,8 @@ def axis_of_joint(
     state; only the direction is uncertain, so the band opens from a point.
     """
     T, cov = joint.T_world_joint.copy(), joint.cov.copy()
-    if joint.kind == "prismatic":
+    if not joint.turns:
         T[:3, 3] += (state if np.isfinite(state) else 0.0) * joint.axis
         cov[3:], cov[:, 3:] = 0.0, 0.0
-    start = 0.0 if joint.kind == "prismatic" else -reach_m
+    start = -reach_m if joint.turns else 0.0
     return project_axis(T, cov, camera, T_world_cam, np.linspace(start, reach_m, n))

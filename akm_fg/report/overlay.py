@@ -12,6 +12,7 @@ from akm_fg.posterior import JointPosterior
 from akm_fg.records import FloatArray, JointTruth, RgbdFrame
 from akm_fg.report.axis_image import AxisInImage, axis_of_joint, project_axis
 from akm_fg.report.summary import PartTracks
+from factors.joint import JointKind
 
 Image = NDArray[np.uint8]
 Colour = tuple[int, int, int]
@@ -80,9 +81,9 @@ def enlargement(width_px: int, config: OverlayConfig) -> int:
     return max(1, -(-config.min_width_px // width_px))
 
 
-def region_name(kind: str) -> str:
+def region_name(kind: JointKind) -> str:
     """What the 95 % region of an axis looks like."""
-    return "cone" if kind == "prismatic" else "band"
+    return "band" if kind.turns else "cone"
 
 
 def draw_frame(
@@ -162,18 +163,18 @@ def _drawn_axis(
 ) -> tuple[AxisInImage, FloatArray] | None:
     """The axis and its 95 % ellipse (n, 2); None where the camera does not see it."""
     joint = replace(joint, cov=joint.cov * magnification**2)
-    reach = config.arrow_m if joint.kind == "prismatic" else config.reach_m
+    reach = config.reach_m if joint.turns else config.arrow_m
     axis = axis_of_joint(joint, state, frame.camera, frame.T_world_cam, reach)
     if len(axis.uv) < 2:
         return None
-    return axis, axis.ellipse(reach if joint.kind == "prismatic" else 0.0)
+    return axis, axis.ellipse(0.0 if joint.turns else reach)
 
 
 def _draw_region(
-    canvas: _Canvas, axis: AxisInImage, ellipse: FloatArray, kind: str, config: OverlayConfig
+    canvas: _Canvas, axis: AxisInImage, ellipse: FloatArray, kind: JointKind, config: OverlayConfig
 ) -> None:
     """The band of a hinge axis, the cone of a sliding direction."""
-    if kind == "prismatic":
+    if not kind.turns:
         cone = np.concatenate([axis.uv[:1], ellipse]).astype(np.float32)
         hull = np.asarray(cv2.convexHull(cone)[:, 0], dtype=np.float64)
         canvas.fill(hull, config.axis, config.band_alpha)
@@ -233,7 +234,7 @@ def _draw_truth(
 ) -> None:
     """The true axis, dashed, opposite the estimate's drawn part."""
     sign = -1.0 if np.dot(joint.axis, truth.axis) < 0 else 1.0
-    reach = config.arrow_m if joint.kind == "prismatic" else config.reach_m
+    reach = config.reach_m if joint.turns else config.arrow_m
     T = np.eye(4)
     T[:3, 2] = sign * truth.axis
     T[:3, 3] = joint.T_world_joint[:3, 3]
@@ -241,7 +242,7 @@ def _draw_truth(
         T[:3, 3] = truth.pivot + np.dot(T[:3, 3] - truth.pivot, truth.axis) * truth.axis
     elif np.isfinite(state):
         T[:3, 3] += state * joint.axis
-    start = 0.0 if joint.kind == "prismatic" else -reach
+    start = -reach if joint.turns else 0.0
     along = np.linspace(start, reach, 101)
     line = project_axis(T, np.zeros((6, 6)), frame.camera, frame.T_world_cam, along).uv
     if len(line) < 2:

@@ -90,7 +90,7 @@ def axis_note(summary: RunSummary, config: OverlayConfig | None = None) -> str |
     if joint is None:
         return None
     angle = size(joint.axis_bound_rad(), "rad")
-    if joint.kind == "prismatic":
+    if not joint.turns:
         text = f"The arrow shows the sliding direction, with 95 % probability true to {angle}. "
     else:
         place = size(joint.pivot_bound_m(), "m")
@@ -122,7 +122,7 @@ def _half_width_px(summary: RunSummary, config: OverlayConfig) -> float | None:
         return None
     index = shown_frames(summary)[0]
     frame = summary.recording.frames[index]
-    reach = config.arrow_m if joint.kind == "prismatic" else config.reach_m
+    reach = config.reach_m if joint.turns else config.arrow_m
     q = _state_at(summary, index)
     axis = axis_of_joint(joint, q, frame.camera, frame.T_world_cam, reach)
     inside = ((axis.uv >= 0) & (axis.uv < (frame.camera.width, frame.camera.height))).all(axis=1)
@@ -130,7 +130,7 @@ def _half_width_px(summary: RunSummary, config: OverlayConfig) -> float | None:
     if not half.size:
         return None
     # A cone's end is an ellipse, of two dimensions.
-    shape = ELLIPSE_SIGMAS / normal_bound() if joint.kind == "prismatic" else 1.0
+    shape = 1.0 if joint.turns else ELLIPSE_SIGMAS / normal_bound()
     return float(half.max()) * shape * enlargement(frame.camera.width, config)
 
 

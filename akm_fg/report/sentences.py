@@ -6,6 +6,7 @@ from akm_fg.report.rows import kind_words, most_probable
 from akm_fg.report.score import score
 from akm_fg.report.summary import CONFIDENCE, RunSummary
 from akm_fg.report.wording import chosen, per_cent, signed, size
+from factors.joint import JointKind
 
 _NEEDED = f"{100 * CONFIDENCE:.0f} %"
 
@@ -171,8 +172,8 @@ def _state_words(summary: RunSummary) -> str:
     return f"The {what} by which the part has moved since the first frame, where it is zero."
 
 
-def _axis_words(kind: str) -> str:
-    if kind == "prismatic":
+def _axis_words(kind: JointKind) -> str:
+    if not kind.turns:
         return (
             "The arrow starts at the middle of the tracked part and points where it slides as the "
             "state grows. The translucent cone around it holds the true direction with 95 % "
