@@ -50,7 +50,9 @@ def test_what_a_fit_writes_gives_the_same_posterior_again(tracks: Path, tmp_path
 def test_perception_is_tuned_by_the_file_too(door, tmp_path: Path, capfd):
     write_recording(tmp_path / "door", door.recording)
     mine = tmp_path / "mine.toml"
-    mine.write_text("perception.observe.seeding.number = 80\nperception.observe.reseed_times = 0")
+    mine.write_text(
+        "perception.observe.seeding.number = 80\nperception.observe.seeding.reseed_gap = 99"
+    )
     plain = fitted(tmp_path / "door", tmp_path / "plain.jsonl")
     few = fitted(tmp_path / "door", tmp_path / "few.jsonl", "--config", str(mine))
     assert few["fit"]["tracks_used"] < plain["fit"]["tracks_used"]

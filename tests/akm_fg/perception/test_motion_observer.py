@@ -52,12 +52,12 @@ def test_a_later_frame_changes_no_earlier_track(door_behind_robot) -> None:
 
 
 def test_what_moved_is_judged_by_few_frames_and_told_of_all_tracks(door) -> None:
-    """Eight frames spread along the motion tell what fifteen tell."""
-    few = replace(ObserveConfig(), kept=KeptFramesConfig(most=8))
+    """Ten frames spread along the motion tell what fifteen tell."""
+    few = replace(ObserveConfig(), kept=KeptFramesConfig(most=10))
     observer = watched(door, slice(None), config=few)
     numbers = observer.kept.numbers
-    assert numbers[0] == 0 and numbers[-1] == 14 and len(numbers) == 8
-    assert np.diff(numbers).max() <= 3
+    assert numbers[0] == 0 and numbers[-1] == 14 and len(numbers) == 10
+    assert np.diff(numbers).max() <= 2
     observed, everything = observer.observed(), watched(door, slice(None)).observed()
     assert observed.tracks.p_world.shape == everything.tracks.p_world.shape
     decided = observed.segmentation.moving | observed.segmentation.static
