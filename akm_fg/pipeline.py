@@ -52,7 +52,7 @@ def fit_recording(
         seed: of whatever is sampled.
         perception: tuning of the way from images to tracks and surfaces.
         fit_config: tuning of the estimator.
-        sources: what enters the graph: tracks, the surfaces of keyframes (dense), or both.
+        sources: what enters the graph: tracks, the surfaces of keyframes (surface), or both.
         states: what is known of the joint's motion and limits.
         stages: who masks, tracks and estimates; see `akm_fg.stages`.
 
@@ -105,7 +105,7 @@ def estimate_joint(
         systematic_m=config.camera_systematic_m,
         sources=[SurfaceToRegister(surface), *knowledge] if sources == "both" else knowledge,
     )
-    if sources == "dense":
+    if sources == "surface":
         posterior = _surface_alone(posterior, observed, surface, config, knowledge)
     return RecordingFit(observed, posterior)
 
@@ -164,7 +164,7 @@ def _from_change(
             rejected=(segmentation.rejected | segmentation.moving) & ~moving,
         ),
     )
-    if moving.sum() < MIN_POINTS or settings.sources == "dense":
+    if moving.sum() < MIN_POINTS or settings.sources == "surface":
         moving = np.zeros_like(moving)
     posterior = fit_surface(
         surface,

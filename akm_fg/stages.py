@@ -17,7 +17,7 @@ from akm_fg.perception.observed import ObservedMotion
 from akm_fg.posterior import ArticulationPosterior
 from akm_fg.records import Recording
 
-Sources = Literal["tracks", "dense", "both"]
+Sources = Literal["tracks", "surface", "both"]
 
 
 @dataclass(frozen=True, slots=True)

@@ -17,7 +17,7 @@ from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
-from experiments import calibration, cramer_rao, kind_against_travel, surface_gain
+from experiments import coverage, cramer_rao, kind_against_travel, surface_gain
 from experiments.pages import accuracy_report
 from experiments.pages.tables import NoRows, grouped, markdown, of_method
 from experiments.rows.provenance import runs_of
@@ -51,22 +51,22 @@ PARTS = (
     Part("accuracy-travel", "accuracy", figure=accuracy_report.travel_figure),
     Part("accuracy-share-inside", "accuracy", figure=accuracy_report.inside_figure),
     Part("accuracy-over-bound", "accuracy", figure=accuracy_report.grid_figure),
-    Part("calibration-tracks", "accuracy", calibration.tracks_table),
-    Part("calibration-grid", "accuracy", calibration.grid_table),
-    Part("calibration-recordings", "dense-gain", calibration.recordings_table),
-    Part("calibration-of-tracks", "accuracy", figure=calibration.tracks_figure),
-    Part("calibration-of-recordings", "dense-gain", figure=calibration.recordings_figure),
-    Part("dense-gain", "dense-gain", surface_gain.gain_table),
-    Part("dense-gain-kinds", "dense-gain", surface_gain.kinds_table),
-    Part("dense-gain-outside", "dense-gain", surface_gain.failures_table),
-    Part("dense-gain-asr", "dense-gain", figure=surface_gain.gain_figure),
+    Part("coverage-tracks", "accuracy", coverage.tracks_table),
+    Part("coverage-grid", "accuracy", coverage.grid_table),
+    Part("coverage-recordings", "surface-gain", coverage.recordings_table),
+    Part("coverage-of-tracks", "accuracy", figure=coverage.tracks_figure),
+    Part("coverage-of-recordings", "surface-gain", figure=coverage.recordings_figure),
+    Part("surface-gain", "surface-gain", surface_gain.gain_table),
+    Part("surface-gain-kinds", "surface-gain", surface_gain.kinds_table),
+    Part("surface-gain-outside", "surface-gain", surface_gain.failures_table),
+    Part("surface-gain-asr", "surface-gain", figure=surface_gain.gain_figure),
     Part("cramer-rao", "accuracy", cramer_rao.ratio_table),
     Part("cramer-rao-ratio", "accuracy", figure=cramer_rao.ratio_figure),
     Part("kind-against-travel", "kind-against-travel", kind_against_travel.kind_table),
     Part("kind-summary", "kind-against-travel", kind_against_travel.kind_summary),
     Part("kind-outcomes", "kind-against-travel", figure=kind_against_travel.kind_figure),
 )
-FOLDERS = ("accuracy", "dense-gain", "kind-against-travel")
+FOLDERS = ("accuracy", "surface-gain", "kind-against-travel")
 
 
 def provenance_table(folder: Path) -> str:

@@ -1,9 +1,9 @@
-"""What do dense clouds add to tracks (the paper's Table II, coarse against fine)?
+"""What does the surface add to tracks (the paper's Table II, coarse against fine)?
 
     python -m experiments.rendered_recordings --suite furniture-116 --out runs/recordings
     python -m experiments.surface_gain --recordings runs/recordings
 
-The graph with tracks only, dense only and both; the paper's coarse and fine stages on the same
+The graph with tracks only, surface only and both; the paper's coarse and fine stages on the same
 tracks and masks; from the images alone. One row a recording and method in
 OUT/rows.jsonl, as a recording ends; what is there is not done again. `experiments.report` puts
 tables and figures into docs/experiments.md, those of the covariances too (`calibration`).
@@ -39,14 +39,14 @@ METHODS = (*GRAPH, *PAPER)
 ASR = (1.0, 5.0, 10.0, 20.0)  # degrees and centimetres
 COLOUR = {
     "graph-tracks": "second",
-    "graph-dense": "third",
+    "graph-surface": "third",
     "graph-both": "graph",
     "paper-coarse": "bound",
     "paper-fine": "paper",
 }
 NAMES = {
     "graph-tracks": "graph, tracks only",
-    "graph-dense": "graph, dense only",
+    "graph-surface": "graph, surface only",
     "graph-both": "graph, both",
     "paper-coarse": "paper's method, coarse",
     "paper-fine": "paper's method, coarse and fine",
@@ -54,7 +54,7 @@ NAMES = {
 
 
 @dataclass(frozen=True, slots=True)
-class DenseGainConfig:
+class SurfaceGainConfig:
     """Which trials are run."""
 
     recordings: Path
@@ -62,7 +62,7 @@ class DenseGainConfig:
     seed: int = 0
     starts: int = PAPER_STARTS
     limit: int | None = None  # only so many recordings, evenly over the folder
-    out: Path = Path("runs/dense-gain")
+    out: Path = Path("runs/surface-gain")
 
     def folders(self) -> list[Path]:
         """The recordings, by name.
@@ -82,7 +82,7 @@ class DenseGainConfig:
         return found
 
 
-def run(config: DenseGainConfig, fit: Fit = fit_recording) -> int:
+def run(config: SurfaceGainConfig, fit: Fit = fit_recording) -> int:
     """Run what is missing with our `fit`; returns how many trials that were."""
     note_run(config.out, config)
     folders = {folder.name: folder for folder in config.folders()}
@@ -205,7 +205,7 @@ def _median_distance_mm(rows: Sequence[TrialRow]) -> Estimate:
 def main() -> None:
     """Run what is missing."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    default = DenseGainConfig(Path())
+    default = SurfaceGainConfig(Path())
     parser.add_argument("--recordings", type=Path, required=True)
     parser.add_argument("--methods", nargs="+", choices=METHODS, default=default.methods)
     parser.add_argument("--seed", type=int, default=default.seed)
@@ -213,7 +213,7 @@ def main() -> None:
     parser.add_argument("--limit", type=int, default=default.limit, help="so many recordings")
     parser.add_argument("--out", type=Path, default=default.out)
     arguments = vars(parser.parse_args())
-    run(DenseGainConfig(**{**arguments, "methods": tuple(arguments["methods"])}))
+    run(SurfaceGainConfig(**{**arguments, "methods": tuple(arguments["methods"])}))
 
 
 if __name__ == "__main__":

@@ -1,4 +1,4 @@
-"""What a depth camera sees of the panel of an opening: dense surfaces for synthetic trials.
+"""What a depth camera sees of the panel of an opening: surfaces for synthetic trials.
 
 The panel of `experiments.trials.openings`, 2 cm thick, with a bar handle, seen from the front at an
 angle. Rays against the boxes' faces give exact depth; noise is that of a stereo camera: disparity
@@ -17,7 +17,7 @@ import numpy as np
 
 from akm_fg.perception.depth.depth_noise import DepthNoiseModel
 from akm_fg.perception.depth.depth_planes import depth_planes
-from akm_fg.perception.surface.patches import DenseViews, dense_views
+from akm_fg.perception.surface.patches import PatchViews, patch_views
 from akm_fg.records import BoolArray, FloatArray, PinholeCamera, RgbdFrame
 from akm_fg.steps import Steps
 from experiments.trials.openings import PANEL_M, Opening
@@ -75,14 +75,14 @@ class PanelCamera:
 
     def views(
         self, frames: Sequence[int], R_world: FloatArray, t_world: FloatArray, known: BoolArray
-    ) -> Steps[DenseViews]:
+    ) -> Steps[PatchViews]:
         """The panel in these frames; see `SurfaceSource`."""
         planes = []
         for t in frames:
             frame = self.frame(int(t))
             planes.append(depth_planes(frame, self.noise, np.isfinite(frame.depth_m)))
             yield
-        return dense_views([int(t) for t in frames], planes, np.random.default_rng(self.seed))
+        return patch_views([int(t) for t in frames], planes, np.random.default_rng(self.seed))
 
 
 def _depth_of_boxes(T_panel_cam: FloatArray) -> FloatArray:

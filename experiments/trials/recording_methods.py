@@ -1,4 +1,4 @@
-"""Every method that takes a recording: the graph with tracks, dense or both; the paper's stages.
+"""Every method that takes a recording: the graph with tracks, surface or both; the paper's stages.
 
 All start from the images alone, and from the same moving tracks and masks.
 """
@@ -23,7 +23,7 @@ from experiments.trials.track_methods import PAPER_STARTS
 
 log = logging.getLogger(__name__)
 
-GRAPH = ("graph-tracks", "graph-dense", "graph-both")
+GRAPH = ("graph-tracks", "graph-surface", "graph-both")
 PAPER = ("paper-coarse", "paper-fine")
 
 

@@ -16,7 +16,7 @@ from akm_fg.pipeline import estimate_joint, fit_input, fit_recording
 from akm_fg.records import PointTracks
 from akm_fg.stages import ModelSettings
 
-SOURCES = ("tracks", "dense", "both")
+SOURCES = ("tracks", "surface", "both")
 
 
 @pytest.fixture(scope="module")
@@ -60,13 +60,13 @@ def test_both_are_at_least_as_sure_as_tracks(fitted):
 
 
 def test_the_report_says_what_was_in_the_graph(fitted):
-    tracks, dense, both = (fitted(s).posterior.fit for s in SOURCES)
+    tracks, surface, both = (fitted(s).posterior.fit for s in SOURCES)
     assert tracks.keyframes_registered == () and tracks.patches_used == 0
     assert tracks.patches_rms_m is None and tracks.patches_as_one is None
     assert len(both.keyframes_registered) == 5 and both.keyframes_registered[0] == 0
     assert both.tracks_used == tracks.tracks_used > 50
-    assert dense.tracks_used == 0 and len(dense.keyframes_registered) > 5
-    for fit in (dense, both):
+    assert surface.tracks_used == 0 and len(surface.keyframes_registered) > 5
+    for fit in (surface, both):
         assert fit.patches_used > 500
         assert 1e-4 < fit.patches_rms_m < 3e-3
         assert fit.patches_as_one > 5  # the renderer's noise is shared by neighbouring pixels
@@ -101,7 +101,7 @@ def _plain(recording):
     return replace(recording, frames=tuple(frames))
 
 
-@pytest.mark.parametrize("sources", ["dense", "both"])
+@pytest.mark.parametrize("sources", ["surface", "both"])
 def test_a_wholly_plain_door_is_found_by_depth_alone(sources, door):
     found = fit_recording(_plain(door.recording), sources=sources)
     assert found.observed.tracks.p_world.shape[1] == 0

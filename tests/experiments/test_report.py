@@ -41,12 +41,12 @@ def test_the_page_has_a_place_for_every_table_and_shows_every_figure():
 
 def test_tables_and_figures_of_what_has_rows_are_made_and_the_rest_is_left(accuracy_rows, tmp_path):
     folder = accuracy_rows.parent
-    only = ("accuracy-kind", "calibration-of-tracks", "dense-gain", "rows-accuracy")
+    only = ("accuracy-kind", "coverage-of-tracks", "surface-gain", "rows-accuracy")
     found = tables(folder, only)
     assert set(found) == {"accuracy-kind", "rows-accuracy"}
     assert "| graph | 24 | 0 to 1 |" in found["rows-accuracy"]
     [file] = figures(folder, tmp_path, only)
-    assert file.name == "calibration-of-tracks.png" and file.exists()
+    assert file.name == "coverage-of-tracks.png" and file.exists()
 
 
 def test_a_run_is_noted_with_machine_and_revision(tmp_path):

@@ -17,7 +17,7 @@ from experiments.rows.rows import read_rows
 from experiments.scores.scoring import Errors
 from experiments.surface_gain import (
     METHODS,
-    DenseGainConfig,
+    SurfaceGainConfig,
     failures_table,
     gain_figure,
     gain_table,
@@ -69,28 +69,28 @@ def test_sources_are_passed_on_failures_are_rows_and_nothing_is_run_twice(record
 
     def fit(recording, seed, sources):
         sources_seen.append((recording.name, sources))
-        if sources == "dense":
+        if sources == "surface":
             raise NoMotionObserved("nothing moved")
         return Fitted(fit_tracks(OPENING.tracks))
 
-    config = DenseGainConfig(recordings, methods=GRAPH, out=tmp_path / "rows")
+    config = SurfaceGainConfig(recordings, methods=GRAPH, out=tmp_path / "rows")
     assert run(config, fit) == 6
-    assert [sources for _, sources in sources_seen] == ["tracks", "dense", "both"] * 2
+    assert [sources for _, sources in sources_seen] == ["tracks", "surface", "both"] * 2
     assert run(config, fit) == 0
     rows = {(row.cell, row.method): row for row in read_rows(config.out)}
-    assert rows["door-1", "graph-dense"].failure == "NoMotionObserved: nothing moved"
+    assert rows["door-1", "graph-surface"].failure == "NoMotionObserved: nothing moved"
     assert rows["door-2", "graph-both"].within(1.0)
     assert rows["door-2", "graph-both"].consistency.nees_joint > 0
 
 
 def test_a_recording_that_is_still_made_is_left_alone_and_the_number_is_limited(recordings):
-    assert [f.name for f in DenseGainConfig(recordings).folders()] == ["door-1", "door-2"]
-    assert len(DenseGainConfig(recordings, limit=1).folders()) == 1
+    assert [f.name for f in SurfaceGainConfig(recordings).folders()] == ["door-1", "door-2"]
+    assert len(SurfaceGainConfig(recordings, limit=1).folders()) == 1
 
 
 def test_a_folder_without_recordings_is_said_so(tmp_path):
     with pytest.raises(NoRows, match="no recordings"):
-        DenseGainConfig(tmp_path).folders()
+        SurfaceGainConfig(tmp_path).folders()
 
 
 def test_asr_counts_kind_axis_and_distance_at_each_limit(a_row):
@@ -126,7 +126,7 @@ def test_all_methods_on_a_rendered_recording(tmp_path):
     from experiments.rendered_recordings import RecordingConfig, record
 
     record("furniture-dev/drawer-004", RecordingConfig(frames=8), tmp_path / "drawer-004")  # wood
-    config = DenseGainConfig(tmp_path, starts=4, out=tmp_path / "rows")
+    config = SurfaceGainConfig(tmp_path, starts=4, out=tmp_path / "rows")
     assert run(config) == 5
     rows = read_rows(config.out)
     assert {row.method for row in rows} == set(METHODS)

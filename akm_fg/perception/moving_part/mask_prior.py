@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from akm_fg.perception.depth.depth_noise import DepthNoiseModel
 from akm_fg.perception.depth.depth_planes import Box, Image
-from akm_fg.perception.moving_part.mask_evidence import camera_rays
+from akm_fg.perception.moving_part.mask_likelihood import camera_rays
 from akm_fg.perception.tracking.lifting import local_depth
 from akm_fg.records import FloatArray, RgbdFrame
 

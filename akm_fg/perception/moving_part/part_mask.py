@@ -1,9 +1,9 @@
 """Every pixel of the moving part in chosen frames, from the few that were tracked.
 
 The tracks give the part's rigid motion; depth then says of each pixel whether it rests or moves
-with the part (`mask_evidence`), summed over a few other frames. A surface that slides within its
+with the part (`mask_likelihood`), summed over a few other frames. A surface that slides within its
 own plane fits both: there the nearest tracks decide. Neighbours on the same surface share their
-evidence, small islands and pixels at depth edges (flying pixels) are left out (`mask_cleanup`).
+likelihood, small islands and pixels at depth edges (flying pixels) are left out (`mask_cleanup`).
 """
 
 from __future__ import annotations
@@ -24,10 +24,10 @@ from akm_fg.perception.moving_part.mask_cleanup import (
     refine,
     without_islands,
 )
-from akm_fg.perception.moving_part.mask_evidence import (
-    MaskEvidenceConfig,
+from akm_fg.perception.moving_part.mask_likelihood import (
+    MaskLikelihoodConfig,
     MaskView,
-    gather_evidence,
+    gather_likelihood,
     mask_view,
     on_background,
 )
@@ -36,11 +36,14 @@ from akm_fg.perception.observed import ObservedMotion
 from akm_fg.records import BoolArray, Recording, RgbdFrame
 
 
+_ALIKE_DIGITS = 6  # of metres; far below what any sensor tells apart
+
+
 @dataclass(frozen=True, slots=True)
 class PartMaskConfig:
-    """Evidence, prior and clean-up."""
+    """Likelihood, prior and clean-up."""
 
-    evidence: MaskEvidenceConfig = field(default_factory=MaskEvidenceConfig)
+    likelihood: MaskLikelihoodConfig = field(default_factory=MaskLikelihoodConfig)
     prior: TrackPriorConfig = field(default_factory=TrackPriorConfig)
     cleanup: MaskCleanupConfig = field(default_factory=MaskCleanupConfig)
     stride_px: int = 3  # of the pixels that are judged; those between follow on the same surface
@@ -72,7 +75,7 @@ def propagate_masks(
     config: PartMaskConfig | None = None,
     motion: RigidMotion | None = None,
 ) -> Iterator[PartMask]:
-    """Dense masks of the moving part and of what rests, in chosen frames, each as it is asked for.
+    """Masks of all pixels of the part and of what rests, in chosen frames, each as it is asked for.
 
     A frame in which too few tracks of the part are seen to know its motion gets empty masks.
 
@@ -131,7 +134,7 @@ class _Scene:
 
     def _view(self, k: int) -> MaskView:
         if k not in self._views:
-            self._views[k] = mask_view(self._frames[k], self._config.evidence)
+            self._views[k] = mask_view(self._frames[k], self._config.likelihood)
         return self._views[k]
 
     def _motion(self, a: int, b: int) -> gtsam.Pose3:
@@ -156,11 +159,11 @@ class _Scene:
         step = c.stride_px
         coarse = np.s_[rows.start : rows.stop : step, columns.start : columns.stop : step]
         asked = [(self._view(j), self._motion(k, j)) for j in others]
-        evidence = gather_evidence(self._view(k), coarse, asked, self._noise, c.evidence)
+        said = gather_likelihood(self._view(k), coarse, asked, self._noise, c.likelihood)
         z = frame.depth_m[coarse]
         near = SurfaceNeighbours(z, c.stride_px, frame.camera.fx, c.cleanup)
-        odds = near.average(evidence.ratio + self._prior(k, coarse))
-        best = near.average(np.maximum(evidence.moving, evidence.static))
+        odds = near.average(said.ratio + self._prior(k, coarse))
+        best = near.average(np.maximum(said.moving, said.static))
         fits = best > c.min_fit * len(others)
         area = round(c.cleanup.min_area * frame.depth_m.size / step**2)
         yes, no = (without_islands((sign * odds > c.min_log_odds) & fits, area) for sign in (1, -1))
@@ -178,7 +181,8 @@ class _Scene:
         moved[~self._known] = 0.0
         candidates = np.flatnonzero(moved >= min(c.min_motion_m, 0.999 * moved.max()))
         candidates = candidates[moved[candidates] > 0]
-        ordered = candidates[np.argsort(moved[candidates], kind="stable")]
+        # Frames that moved alike keep their order on every machine: rounding errors decide nothing.
+        ordered = candidates[np.argsort(moved[candidates].round(_ALIKE_DIGITS), kind="stable")]
         n = min(c.other_frames, len(ordered))
         picks = np.linspace(0, len(ordered) - 1, n + 1)[1:].round().astype(int)
         return [int(j) for j in ordered[np.unique(picks)]]
@@ -208,7 +212,7 @@ class _Scene:
         static = self._nearness(k, coarse, segmentation.static)
         motion = self._motion(k, 0) if self._known[0] else None
         beside = on_background(
-            self._view(k), coarse, self._background, motion, self._noise, c.evidence
+            self._view(k), coarse, self._background, motion, self._noise, c.likelihood
         )
         odds = c.prior.at_track * (moving - static) - c.background * beside
         return np.asarray(odds, dtype=np.float32)

@@ -12,7 +12,7 @@ from akm_fg.perception.change.depth_change import DepthChange, surface_points
 from akm_fg.perception.depth.depth_planes import depth_planes
 from akm_fg.perception.surface.part_cloud import sample_cloud
 from akm_fg.perception.surface.part_surface import SurfaceConfig
-from akm_fg.perception.surface.patches import DenseViews
+from akm_fg.perception.surface.patches import PatchViews
 from akm_fg.records import BoolArray, FloatArray
 from akm_fg.steps import Steps
 
@@ -31,7 +31,7 @@ class ChangedSurface:
 
     def views(
         self, frames: Sequence[int], R_world: FloatArray, t_world: FloatArray, known: BoolArray
-    ) -> Steps[DenseViews]:
+    ) -> Steps[PatchViews]:
         """The part's surface in these frames; the motion is not needed to find it."""
         del R_world, t_world, known
         around = self._around()
@@ -45,7 +45,7 @@ class ChangedSurface:
             on_part = replace(planes, valid=planes.valid & self.change.mask(t))
             clouds.append(sample_cloud(on_part, t, rng, stride_px=self.config.patches.stride_px))
             yield
-        return DenseViews(numbers, tuple(fitted), tuple(clouds), self.config.patches)
+        return PatchViews(numbers, tuple(fitted), tuple(clouds), self.config.patches)
 
     def middle(self, R_world: FloatArray, t_world: FloatArray, known: BoolArray) -> FloatArray:
         """(3,) roughly the middle of the part at state zero, for motions from frame 0."""

@@ -12,7 +12,7 @@ from akm_fg.perception.depth.depth_noise import DepthNoiseModel
 from akm_fg.perception.depth.depth_planes import DepthPlanesConfig, depth_planes
 from akm_fg.perception.moving_part.part_mask import PartMaskConfig, propagate_masks
 from akm_fg.perception.observed import ObservedMotion
-from akm_fg.perception.surface.patches import DenseViews, PatchConfig, dense_views
+from akm_fg.perception.surface.patches import PatchConfig, PatchViews, patch_views
 from akm_fg.records import BoolArray, FloatArray, Recording
 from akm_fg.steps import Steps
 
@@ -40,7 +40,7 @@ class PartSurface:
 
     def views(
         self, frames: Sequence[int], R_world: FloatArray, t_world: FloatArray, known: BoolArray
-    ) -> Steps[DenseViews]:
+    ) -> Steps[PatchViews]:
         """The part's surface in these frames, its motion over all T frames being known.
 
         Pauses after each frame.
@@ -74,4 +74,4 @@ class PartSurface:
             frame = self.recording.frames[mask.frame]
             planes.append(depth_planes(frame, self.noise, mask.moving, self.config.planes))
             yield
-        return dense_views(numbers, planes, np.random.default_rng(self.seed), self.config.patches)
+        return patch_views(numbers, planes, np.random.default_rng(self.seed), self.config.patches)

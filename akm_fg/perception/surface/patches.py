@@ -41,7 +41,7 @@ class Association:
 
 
 @dataclass(frozen=True, slots=True)
-class DenseViews:
+class PatchViews:
     """The part's surface in K keyframes."""
 
     frames: tuple[int, ...]  # (K,) numbers in the recording
@@ -100,13 +100,13 @@ class DenseViews:
             cell *= 1.1 * np.sqrt(first.size / self.config.max_patches)
 
 
-def dense_views(
+def patch_views(
     frames: Sequence[int],
     planes: Sequence[DepthPlanes],
     rng: np.random.Generator,
     config: PatchConfig | None = None,
     points_per_frame: int | None = None,
-) -> DenseViews:
+) -> PatchViews:
     """Views of keyframes whose planes are fitted.
 
     Args:
@@ -122,7 +122,7 @@ def dense_views(
         sample_cloud(planes[k], frames[k], rng, points_per_frame, config.stride_px) for k in kept
     )
     numbers, fitted = tuple(frames[k] for k in kept), tuple(planes[k] for k in kept)
-    return DenseViews(numbers, fitted, clouds, config)
+    return PatchViews(numbers, fitted, clouds, config)
 
 
 def _first_of_each(cells: NDArray[np.int64]) -> NDArray[np.int_]:

@@ -1,4 +1,4 @@
-"""How the fine stage's keyframes come back to the recording; both stages run in test_dense_gain."""
+"""How the fine stage's keyframes come back to the recording; both run in test_surface_gain."""
 
 import numpy as np
 import pytest

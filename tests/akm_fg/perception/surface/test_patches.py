@@ -10,7 +10,7 @@ from numpy.testing import assert_allclose
 
 from akm_fg.perception.depth.depth_noise import DepthNoiseModel
 from akm_fg.perception.depth.depth_planes import depth_planes
-from akm_fg.perception.surface.patches import DenseViews, PatchConfig, dense_views
+from akm_fg.perception.surface.patches import PatchConfig, PatchViews, patch_views
 from akm_fg.records import PinholeCamera, RgbdFrame
 from factors.measurements.dense_registration import dense_cost
 
@@ -34,9 +34,9 @@ def _planes(depth, mask=None):
     return depth_planes(frame, NOISE, mask)
 
 
-def _views(*planes, **config) -> DenseViews:
+def _views(*planes, **config) -> PatchViews:
     rng = np.random.default_rng(0)
-    return dense_views(range(len(planes)), planes, rng, PatchConfig(**config))
+    return patch_views(range(len(planes)), planes, rng, PatchConfig(**config))
 
 
 def _motions(*poses):
@@ -191,7 +191,7 @@ def test_too_many_patches_get_larger_cells():
 def test_a_view_without_any_plane_is_left_out():
     nothing = _planes(np.full((CAMERA.height, CAMERA.width), np.nan))
     front = _planes(_depth(*FRONT))
-    views = dense_views([3, 5, 9], [front, nothing, front], np.random.default_rng(0))
+    views = patch_views([3, 5, 9], [front, nothing, front], np.random.default_rng(0))
     assert views.frames == (3, 9) and len(views.planes) == len(views.clouds) == 2
 
 
@@ -199,7 +199,7 @@ def test_a_view_without_any_plane_is_left_out():
 def test_one_seed_sets_the_same_patches(seed):
     planes = [_planes(_depth(*FRONT)), _planes(_depth(*_moved(FRONT, TURN)))]
     a, b = (
-        dense_views([0, 1], planes, np.random.default_rng(seed), points_per_frame=300).associate(
+        patch_views([0, 1], planes, np.random.default_rng(seed), points_per_frame=300).associate(
             *_motions(STILL, TURN), GATE_M
         )
         for _ in range(2)

@@ -1,9 +1,9 @@
-"""Do covariances and probabilities tell the truth: tracks only, dense only, both?
+"""Do covariances and probabilities tell the truth: tracks only, surface only, both?
 
-    python -m experiments.calibration --tracks runs/accuracy --recordings runs/dense-gain
+    python -m experiments.coverage --tracks runs/accuracy --recordings runs/surface-gain
 
 Runs nothing: it reads the graph's rows of `experiments.accuracy_grid` (tracks) and of
-`experiments.surface_gain` (rendered recordings, sources tracks, dense and both), and prints tables:
+`experiments.surface_gain` (rendered recordings; tracks, surface and both), and prints tables:
 mean NEES, 95 % coverage of axis, pivot, whole joint and last state, Brier score of the kind. Some
 seconds. `experiments.report` puts the same tables and a figure into docs/experiments.md.
 """
@@ -180,7 +180,7 @@ def main() -> None:
     """Print what there is."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--tracks", type=Path, default=Path("runs/accuracy"))
-    parser.add_argument("--recordings", type=Path, default=Path("runs/dense-gain"))
+    parser.add_argument("--recordings", type=Path, default=Path("runs/surface-gain"))
     arguments = parser.parse_args()
     tracks = read_rows(arguments.tracks)
     for table, rows in (

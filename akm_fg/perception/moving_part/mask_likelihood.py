@@ -8,7 +8,7 @@ is
     s(d) = log(range / (sigma sqrt(2 pi))) - d^2 / (2 sigma^2),
 
 bounded below: something farther away refutes the hypothesis up to an outlier's probability;
-something nearer only hides the point. Where the other frame has no depth there is no evidence.
+something nearer only hides the point. Where the other frame has no depth nothing is said.
 
 A plane that slides within itself fits both. Where depth fits, the texture is compared too: the
 high-passed gray levels g differ by r with variance s2 if it is the same spot, and by s2 + 2 v
@@ -31,7 +31,7 @@ from akm_fg.records import BoolArray, FloatArray, PinholeCamera, RgbdFrame
 
 
 @dataclass(frozen=True, slots=True)
-class MaskEvidenceConfig:
+class MaskLikelihoodConfig:
     """Likelihoods of differences of depth and of gray levels."""
 
     systematic_m: float = 0.003  # of the rigid motion, and of half a pixel on a slanted surface
@@ -46,7 +46,7 @@ class MaskEvidenceConfig:
 
 @dataclass(frozen=True, slots=True)
 class MaskView:
-    """A frame as evidence: depth, and texture."""
+    """A frame to compare with: depth, and texture."""
 
     depth_m: Image  # (H, W), NaN unknown
     texture: Image  # (H, W) gray levels without their local mean
@@ -55,7 +55,7 @@ class MaskView:
 
 
 @dataclass(frozen=True, slots=True)
-class Evidence:
+class PixelLikelihood:
     """Log-likelihood ratios of a crop's pixels, summed over frames; 0 where nothing is known."""
 
     moving: Image  # (h, w) against anything
@@ -63,7 +63,7 @@ class Evidence:
     ratio: Image  # (h, w) moving against static, bounded per frame
 
 
-def mask_view(frame: RgbdFrame, config: MaskEvidenceConfig) -> MaskView:
+def mask_view(frame: RgbdFrame, config: MaskLikelihoodConfig) -> MaskView:
     """Prepare a frame."""
     gray = cv2.GaussianBlur(cv2.cvtColor(frame.rgb, cv2.COLOR_RGB2GRAY), (3, 3), 0)
     size = (config.texture_px, config.texture_px)
@@ -71,13 +71,13 @@ def mask_view(frame: RgbdFrame, config: MaskEvidenceConfig) -> MaskView:
     return MaskView(frame.depth_m, texture, frame.camera, frame.T_world_cam)
 
 
-def gather_evidence(
+def gather_likelihood(
     view: MaskView,
     box: Box,
     others: list[tuple[MaskView, gtsam.Pose3]],
     noise: DepthNoiseModel,
-    config: MaskEvidenceConfig,
-) -> Evidence:
+    config: MaskLikelihoodConfig,
+) -> PixelLikelihood:
     """What other frames say of one frame's pixels.
 
     Args:
@@ -96,7 +96,7 @@ def gather_evidence(
         ratio = np.clip(moving - static, -bound, bound)
         for total, value in zip(sums, (moving, static, ratio), strict=True):
             total += value
-    return Evidence(*sums)
+    return PixelLikelihood(*sums)
 
 
 def on_background(
@@ -105,7 +105,7 @@ def on_background(
     background: MaskView,
     moved_world: gtsam.Pose3 | None,
     noise: DepthNoiseModel,
-    config: MaskEvidenceConfig,
+    config: MaskLikelihoodConfig,
 ) -> BoolArray:
     """(h, w), whether a crop's pixels lie on a background's surface, at rest or moved.
 
@@ -135,7 +135,7 @@ class _Judge:
     """Scores predictions for the pixels of one crop."""
 
     def __init__(
-        self, view: MaskView, box: Box, noise: DepthNoiseModel, config: MaskEvidenceConfig
+        self, view: MaskView, box: Box, noise: DepthNoiseModel, config: MaskLikelihoodConfig
     ) -> None:
         self.z = view.depth_m[box]
         self._view, self._config = view, config
