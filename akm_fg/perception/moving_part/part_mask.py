@@ -178,11 +178,11 @@ class _Scene:
             return []
         c, points = self._config, self._points_world
         moved = np.sqrt(((points - points[k]) ** 2).sum(axis=-1).mean(axis=1))
+        moved = moved.round(_ALIKE_DIGITS)  # alike on every machine: rounding errors decide nothing
         moved[~self._known] = 0.0
         candidates = np.flatnonzero(moved >= min(c.min_motion_m, 0.999 * moved.max()))
         candidates = candidates[moved[candidates] > 0]
-        # Frames that moved alike keep their order on every machine: rounding errors decide nothing.
-        ordered = candidates[np.argsort(moved[candidates].round(_ALIKE_DIGITS), kind="stable")]
+        ordered = candidates[np.argsort(moved[candidates], kind="stable")]
         n = min(c.other_frames, len(ordered))
         picks = np.linspace(0, len(ordered) - 1, n + 1)[1:].round().astype(int)
         return [int(j) for j in ordered[np.unique(picks)]]
