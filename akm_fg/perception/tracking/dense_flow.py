@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, Protocol
 
 import cv2
 import numpy as np
@@ -13,15 +13,23 @@ from akm_fg.records import FloatArray
 Flow = NDArray[np.float32]  # (H, W, 2) pixels
 
 
+class DenseFlow(Protocol):
+    """Flow between two images, forth and back."""
+
+    def both(self, a: NDArray[np.uint8], b: NDArray[np.uint8]) -> tuple[Flow, Flow]:
+        """(H, W, 2) from a to b and from b to a, of gray images (H, W)."""
+        ...
+
+
 class DisFlow:
-    """DIS flow, forth and back."""
+    """DIS flow; see `DenseFlow`."""
 
     def __init__(self) -> None:
         """The fast preset: coarser than a pixel, and the tracker matches patches afterwards."""
         self._dis = cv2.DISOpticalFlow.create(cv2.DISOPTICAL_FLOW_PRESET_FAST)
 
     def both(self, a: NDArray[np.uint8], b: NDArray[np.uint8]) -> tuple[Flow, Flow]:
-        """(H, W, 2) from a to b and from b to a, of gray images (H, W)."""
+        """As `DenseFlow` says."""
         empty: Any = None  # no start value; the stubs do not allow it
         forth, back = self._dis.calc(a, b, empty), self._dis.calc(b, a, empty)
         return np.asarray(forth, dtype=np.float32), np.asarray(back, dtype=np.float32)

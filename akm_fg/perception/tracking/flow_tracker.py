@@ -16,6 +16,7 @@ old place for some frames, which brings resting points back.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 
 import cv2
@@ -33,7 +34,7 @@ from akm_fg.perception.tracking.affine_match import (
     place_information,
     smooth,
 )
-from akm_fg.perception.tracking.dense_flow import DisFlow, Flow, flow_at
+from akm_fg.perception.tracking.dense_flow import DenseFlow, DisFlow, Flow, flow_at
 from akm_fg.perception.tracking.tracked_points import TrackedPoints
 from akm_fg.records import BoolArray, FloatArray, RgbdFrame
 
@@ -83,22 +84,23 @@ class _Found:
 class FlowTracker:
     """A `PointTracker`; see the module's text for the method."""
 
-    def __init__(self, config: FlowTrackerConfig | None = None) -> None:
-        """Set the tuning."""
-        self.config = config or FlowTrackerConfig()
+    def __init__(
+        self, config: FlowTrackerConfig | None = None, flow: Callable[[], DenseFlow] = DisFlow
+    ) -> None:
+        """Set the tuning, and what makes the dense flow of a stream."""
+        self.config, self._flow = config or FlowTrackerConfig(), flow
 
     def begin(self) -> FlowSession:
         """Start on a new stream."""
-        return FlowSession(self.config)
+        return FlowSession(self.config, self._flow())
 
 
 class FlowSession:
     """A `TrackingSession`; memory is that of the points which are not given up."""
 
-    def __init__(self, config: FlowTrackerConfig) -> None:
+    def __init__(self, config: FlowTrackerConfig, flow: DenseFlow) -> None:
         """Nothing is followed yet."""
-        self._config = config
-        self._flow = DisFlow()
+        self._config, self._flow = config, flow
         self._image: _Image | None = None  # the last frame
         self._points: TrackedPoints | None = None
         self._given = 0  # points so far

@@ -12,10 +12,6 @@ from akm_fg.perception.depth.depth_edges import near_depth_edge
 from akm_fg.records import BoolArray, FloatArray, RgbdFrame
 
 SOBEL_GAIN = 8.0  # of the 3 x 3 operator: gray levels a pixel
-CORNER_WINDOW_PX = 7
-PEAK_PX = 2  # around a corner, its own slope
-RESEED_CELLS = 1.5  # seeds of neighbouring cells are up to two cells apart: no hole between them
-CELL_SHRINK = 0.75
 
 
 @dataclass(frozen=True, slots=True)
@@ -28,6 +24,11 @@ class SeedingConfig:
     edge_m: float = 0.02  # depth step that counts as an edge
     max_slope: float = 3.0  # tangent between ray and normal, 72 deg: steeper ones cannot be lifted
     min_corner: float = 0.1  # smaller eigenvalue of the mean gradient tensor, (gray levels / px)^2
+    corner_window_px: int = 7  # over which the gradient tensor is averaged
+    peak_px: int = 2  # around a corner: its own slope
+    cell_shrink: float = 0.75  # of the grid's cells, until there are points enough
+    # Cells from a followed point: seeds of neighbouring cells are up to two apart, no hole between.
+    reseed_cells: float = 1.5
     reseed_gap: int = 5  # frames at least between seeds: each costs as much as following them
     reseed_growth: float = 0.5  # of the frames so far, after which new ones are set in any case
     reseed_lost: float = 0.2  # of the points, that calls for new ones
@@ -58,7 +59,7 @@ def seed_points(
 
     A cell without texture gives none: nothing there could be found again. On plain objects the
     grid gets finer, so that the wanted number may still come from the few places with texture.
-    Pixels within RESEED_CELLS cells of one of `taken_uv` are left out.
+    Pixels within `reseed_cells` cells of one of `taken_uv` are left out.
 
     Args:
         frame: where to seed.
@@ -73,15 +74,15 @@ def seed_points(
         return np.empty((0, 2))
     cell = max(config.min_spacing_px, float(np.sqrt(free.sum() / config.number)))
     if taken_uv is not None and len(taken_uv):
-        free &= _distance_to(taken_uv, free.shape) > RESEED_CELLS * cell
+        free &= _distance_to(taken_uv, free.shape) > config.reseed_cells * cell
     gray = cv2.cvtColor(frame.rgb, cv2.COLOR_RGB2GRAY)
     slope = np.asarray(gray, dtype=np.float32) / SOBEL_GAIN
-    corner = np.where(free, cv2.cornerMinEigenVal(slope, CORNER_WINDOW_PX), 0)
+    corner = np.where(free, cv2.cornerMinEigenVal(slope, config.corner_window_px), 0)
     v, u = np.nonzero(corner > config.min_corner)
     if not u.size:
         return np.empty((0, 2))
     uv, strength = np.stack([u, v], axis=-1), corner[v, u]
-    peaks = _peaks(corner)[v, u]
+    peaks = _peaks(corner, config.peak_px)[v, u]
     uv, strength = uv[peaks], strength[peaks]
     wanted = config.number * (free.sum() / max(int(mask.sum()), 1))
     shift = rng.uniform(0, 1, 2)
@@ -89,12 +90,12 @@ def seed_points(
         best = _best_of_cells(uv, strength, shift * cell, cell)
         if len(best) >= wanted or cell <= config.min_spacing_px:
             return uv[best].astype(np.float64)
-        cell = max(config.min_spacing_px, CELL_SHRINK * cell)
+        cell = max(config.min_spacing_px, config.cell_shrink * cell)
 
 
-def _peaks(corner: NDArray[np.floating]) -> BoolArray:
+def _peaks(corner: NDArray[np.floating], reach_px: int) -> BoolArray:
     """(H, W) no stronger corner next to it: cells that meet at one would all choose it."""
-    side = 2 * PEAK_PX + 1
+    side = 2 * reach_px + 1
     return np.asarray(corner >= cv2.dilate(corner, np.ones((side, side), np.uint8)))
 
 
