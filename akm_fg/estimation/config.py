@@ -45,6 +45,21 @@ class SurfaceConfig:
 
 
 @dataclass(frozen=True, slots=True)
+class SamplingConfig:
+    """Sampling of joints that the data leave vague (`sampled_posterior`)."""
+
+    vague: float = 0.05  # sd of a tilt (rad) or of a log distance that Laplace still bears
+    samples: int = 256
+    tail_dof: float = 6.0  # of the proposal
+    wider: float = 1.15  # the proposal over its samples
+    passes: int = 6
+    enough: float = 0.5  # effective share of the samples that ends the passes
+    learnable: float = 0.2  # the share that the next proposal is made from
+    too_few: float = 0.1  # with less, samples tell of the few that weigh most
+    region: float = 0.95  # of the posterior is to lie in the ellipsoid of that probability
+
+
+@dataclass(frozen=True, slots=True)
 class GraspConfig:
     """Noise of the gripper's pose in the part while it holds."""
 
@@ -68,6 +83,13 @@ class FitConfig:
     max_iterations: int = 30  # of Levenberg-Marquardt a round; a good start takes five
     rough_scale_tolerance: float = 0.1  # relative, the same
     rough_iterations: int = 12  # the same while comparing
+    sampling: SamplingConfig = field(default_factory=SamplingConfig)
+    much_nearer: float = 0.5  # a screw read off the motions starts a hinge if it costs so much less
+    screw_gain: float = 3.0  # nats over its hinge; with less, the pitch's prior decides against it
+    near_known: float = 1.2  # a start whose own noise is within this factor begins at the known
+    ranking_tracks: int = 40  # are enough to tell a good start from a bad one
+    static_tracks: int = 20  # tell the noise level to three percent, in 8 ms
+    static_frames: int = 20
     solve_within: float = 10.0  # nats behind; a start fitted to free motions is off by a tenth
     polish_within: float = 50.0  # the same of a path, whose starts are rough; nats of evidence
     scale_iterations: int = 6  # rounds of: solve, estimate the noise scale

@@ -17,11 +17,6 @@ from akm_fg.geometry.joint_guess import JointGuess
 from factors.joint import Joint, JointKind
 from factors.motion_information import MotionInformation
 
-# The bent drawer converges from nearly everywhere short of large turns; a screw read off the
-# motions is preferred where it is this much nearer.
-_MUCH_NEARER = 0.5
-_SCREW_GAIN = 3.0  # nats over the hinge; with less, the pitch's prior decides against it
-
 
 @dataclass(frozen=True, slots=True)
 class Start:
@@ -46,7 +41,7 @@ def starts_of_part(problem: FitProblem, motions: MotionInformation) -> list[Star
     least = min(fit.twice_cost for fit in fits)
     behind = [0.5 * n * math.log1p(max(fit.twice_cost - least, 0.0) / n) for fit in fits]
     gain = (hinge.twice_cost - screw.twice_cost) / 2
-    worth = [True, True, gain > _SCREW_GAIN]
+    worth = [True, True, gain > problem.config.screw_gain]
     return [Start(f.guess, b, w) for f, b, w in zip(fits, behind, worth, strict=True)]
 
 
@@ -57,7 +52,8 @@ def _hinge(drawer: MotionFit, problem: FitProblem, motions: MotionInformation) -
         evaluate(guess, motions, centroid, prior) for guess in _of(JointKind.REVOLUTE, problem)
     ]
     nearest = min(screws, key=lambda fit: fit.twice_cost, default=bent)
-    start = nearest if nearest.twice_cost < _MUCH_NEARER * bent.twice_cost else bent
+    # The bent drawer converges from nearly everywhere short of large turns.
+    start = nearest if nearest.twice_cost < problem.config.much_nearer * bent.twice_cost else bent
     return refined(start, motions, centroid, prior)
 
 

@@ -27,7 +27,7 @@ import numpy as np
 from scipy import special
 from scipy.stats import qmc
 
-from akm_fg.estimation.config import PriorConfig
+from akm_fg.estimation.config import PriorConfig, SamplingConfig
 from akm_fg.estimation.given.motion_fit import log_se3
 from akm_fg.estimation.given.problem import FitProblem
 from akm_fg.estimation.one_kind.joint_chart import JointChart, Joints
@@ -35,16 +35,6 @@ from akm_fg.estimation.one_kind.laplace import KindFit
 from akm_fg.estimation.sources.tracks import TRACKS
 from akm_fg.records import BoolArray, FloatArray
 from factors.joint import Joint
-
-_VAGUE = 0.05  # standard deviation of a tilt (rad) or of a log distance that Laplace still bears
-_SAMPLES = 256
-_TAIL_DOF = 6.0  # of the proposal
-_WIDER = 1.15  # the proposal over its samples
-_PASSES = 6
-_ENOUGH = 0.5  # effective share of the samples that ends the passes
-_LEARNABLE = 0.2  # the share that the next proposal is made from
-_TOO_FEW = 0.1  # with less the samples tell of the few that weigh most, not of the posterior
-_REGION = 0.95  # of the posterior is to lie in the ellipsoid of that probability
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,6 +47,7 @@ class _Data:
     gradient: FloatArray  # (6 T,)
     arcs: FloatArray  # (T,) of the solved joint
     prior: PriorConfig
+    config: SamplingConfig
 
 
 @dataclass(frozen=True, slots=True)
@@ -82,10 +73,10 @@ class _Samples:
         """Effective share of the samples (Kong, 1992)."""
         return float(1 / (self.weights**2).sum() / self.weights.size)
 
-    def flattened(self) -> _Samples:
+    def flattened(self, learnable: float) -> _Samples:
         """With weights to the first power of 1, 1/2, 1/4 .. that leaves enough to learn from."""
         samples = self
-        while samples.effective < _LEARNABLE:
+        while samples.effective < learnable:
             weights = np.sqrt(samples.weights)
             samples = replace(samples, weights=weights / weights.sum())
         return samples
@@ -110,12 +101,13 @@ def sampled(fit: KindFit, problem: FitProblem) -> KindFit:
         return fit
     chart = JointChart.at(fit, problem.centroid_world)
     cov = chart.covariance(fit)
-    if np.sqrt(np.diag(cov)[:4]).max() < _VAGUE:
+    config = problem.config.sampling
+    if np.sqrt(np.diag(cov)[:4]).max() < config.vague:
         return fit
     samples = _sample(chart, cov, _data(fit, problem, chart))
-    if samples.effective < _TOO_FEW:
-        samples = samples.flattened()
-    return _with_moments(fit, chart, samples)
+    if samples.effective < config.too_few:
+        samples = samples.flattened(config.learnable)
+    return _with_moments(fit, chart, samples, config.region)
 
 
 def _tells(fit: KindFit, problem: FitProblem) -> bool:
@@ -147,6 +139,7 @@ def _data(fit: KindFit, problem: FitProblem, chart: JointChart) -> _Data:
         weight * motions.gradient,
         chart.distance * fit.q,
         problem.config.prior,
+        problem.config.sampling,
     )
 
 
@@ -156,29 +149,30 @@ def _sample(chart: JointChart, cov: FloatArray, data: _Data) -> _Samples:
     mean = np.append(np.zeros(chart.size), np.log(max(float(np.std(data.arcs[1:])), least)))
     cov = np.pad(cov, (0, 1))
     cov[-1, -1] = 1 / frames  # twice that of a known spread's estimate
-    draws = _draws(mean.size)
-    log_proposal = -0.5 * (_TAIL_DOF + mean.size) * np.log1p((draws**2).sum(axis=1) / _TAIL_DOF)
-    for _ in range(_PASSES):
+    config = data.config
+    draws, dof = _draws(mean.size, config.samples, config.tail_dof), config.tail_dof
+    log_proposal = -0.5 * (dof + mean.size) * np.log1p((draws**2).sum(axis=1) / dof)
+    for _ in range(config.passes):
         root = np.linalg.cholesky(cov + 1e-12 * np.trace(cov) * np.eye(mean.size))
-        u = mean + _WIDER * draws @ root.T
+        u = mean + config.wider * draws @ root.T
         joints = chart.joints(u[:, :-1])
         states = _states(u, joints, data)
         log_weights = states.log_weight - log_proposal
         weights = np.exp(log_weights - log_weights.max())
         samples = _Samples(u, joints, states, weights / weights.sum())
-        if samples.effective > _ENOUGH:
+        if samples.effective > config.enough:
             break
-        mean, cov = samples.flattened().moments()
+        mean, cov = samples.flattened(config.learnable).moments()
     return samples
 
 
 @cache
-def _draws(dimensions: int) -> FloatArray:
+def _draws(dimensions: int, samples: int, dof: float) -> FloatArray:
     """(S, d) of a spherical Student-t, evenly spread."""
-    even = qmc.Sobol(dimensions + 1, rng=np.random.default_rng(1)).random(_SAMPLES)
+    even = qmc.Sobol(dimensions + 1, rng=np.random.default_rng(1)).random(samples)
     even = np.clip(even, 1e-9, 1 - 1e-9)
-    chi2 = special.chdtri(_TAIL_DOF, 1 - even[:, -1])
-    draws: FloatArray = special.ndtri(even[:, :-1]) * np.sqrt(_TAIL_DOF / chi2)[:, None]
+    chi2 = special.chdtri(dof, 1 - even[:, -1])
+    draws: FloatArray = special.ndtri(even[:, :-1]) * np.sqrt(dof / chi2)[:, None]
     return draws
 
 
@@ -237,7 +231,7 @@ def _log_prior(u: FloatArray, joints: Joints, prior: PriorConfig) -> FloatArray:
     return total
 
 
-def _with_moments(fit: KindFit, chart: JointChart, samples: _Samples) -> KindFit:
+def _with_moments(fit: KindFit, chart: JointChart, samples: _Samples, region: float) -> KindFit:
     k, weights = chart.size, samples.weights
     per_arc = 1 / samples.joints.distance
     q = samples.states.mean[:, 1:] * per_arc[:, None]
@@ -247,7 +241,7 @@ def _with_moments(fit: KindFit, chart: JointChart, samples: _Samples) -> KindFit
     cov = off.T @ (weights[:, None] * off)
     within = np.linalg.inv(samples.states.precision)
     cov[k:, k:] += np.einsum("s,sij->ij", weights * per_arc**2, within)
-    cov *= _heavier_tails(off[:, :k], cov[:k, :k], weights)
+    cov *= _heavier_tails(off[:, :k], cov[:k, :k], weights, region)
     T_world_joint, by_chart = chart.frame(mean[:k])
     J = np.eye(mean.size)
     J[:k, :k] = by_chart
@@ -264,15 +258,16 @@ def _with_moments(fit: KindFit, chart: JointChart, samples: _Samples) -> KindFit
     )
 
 
-def _heavier_tails(off: FloatArray, cov: FloatArray, weights: FloatArray) -> float:
+def _heavier_tails(off: FloatArray, cov: FloatArray, weights: FloatArray, region: float) -> float:
     """By how much a covariance has to grow for its ellipsoid to hold what it should; at least 1.
 
     Args:
         off: (S, k) samples from their mean.
         cov: (k, k) their covariance.
         weights: (S,) theirs, with the sum one.
+        region: share of the posterior that the ellipsoid of that probability is to hold.
     """
     squared = np.einsum("si,si->s", off, np.linalg.solve(cov, off.T).T)
     order = np.argsort(squared)
-    reached = np.interp(_REGION, np.cumsum(weights[order]), squared[order])
-    return max(1.0, float(reached / special.chdtri(off.shape[1], 1 - _REGION)))
+    reached = np.interp(region, np.cumsum(weights[order]), squared[order])
+    return max(1.0, float(reached / special.chdtri(off.shape[1], 1 - region)))

@@ -46,7 +46,6 @@ ORIENTATIONS = "orientations"
 REFERENCE = gtsam.symbol("r", 0)  # the part's orientation at state zero
 _LEAST_RAD = 1e-5  # what rounded quaternions leave
 _CLIP = 3.0  # medians of the errors
-_CLIP = 3.0  # medians of the errors
 _HIDDEN = 2  # of each series the fit takes offset and slope away: the reference and the axis
 
 

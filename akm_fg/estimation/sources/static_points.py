@@ -19,9 +19,6 @@ from factors.joint_variables import JointVariables
 from factors.measurements.static_part import static_scale
 from factors.measurements.track_cost import TrackObservations
 
-_STATIC_TRACKS = 20  # tell the level to three percent, in 8 ms
-_STATIC_FRAMES = 20
-
 
 @dataclass(frozen=True, slots=True)
 class StaticPoints(Source):
@@ -39,11 +36,11 @@ class StaticPoints(Source):
             config: tuning.
         """
         T = static.observed.shape[0]
-        frames = _spread(T, _STATIC_FRAMES)
+        frames = _spread(T, config.static_frames)
         seen = np.flatnonzero(static.observed[frames].sum(axis=0) >= 2)
         if seen.size == 0:
             return None
-        some = seen[_spread(seen.size, _STATIC_TRACKS)]
+        some = seen[_spread(seen.size, config.static_tracks)]
         tracks = TrackObservations.from_points(
             static.p_world[frames][:, some], static.cov_world[frames][:, some]
         )

@@ -34,8 +34,6 @@ CHI2_MEDIAN = 2.366  # of a chi-square variable with three degrees of freedom
 # The scale of a Student-t with six degrees of freedom fitted to normal noise, over its sigma.
 T_OVER_NORMAL = 0.92
 TRACKS = "tracks"
-_NEAR_KNOWN = 1.2  # a start whose own noise is within this factor of the known begins at the known
-_RANKING_TRACKS = 40  # are enough to tell a good start from a bad one
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -145,7 +143,9 @@ class TrackSource(Source):
     def rough_errors(self, guess: JointGuess) -> FloatArray:
         """Squared whitened errors (M,) of a start, of some tracks that stand for all."""
         count = self.observations.observed.shape[1]
-        some = np.unique(np.linspace(0, count - 1, min(count, _RANKING_TRACKS)).astype(int))
+        some = np.unique(
+            np.linspace(0, count - 1, min(count, self.config.ranking_tracks)).astype(int)
+        )
         d2 = rough_track_cost(guess.joint, guess.q, self.observations.select(some))
         return np.repeat(d2, -(-count // some.size))  # each stands for its neighbours
 
@@ -213,7 +213,9 @@ class TrackTerm(Term):
         d2 = rough_track_cost(self._guess.joint, self._guess.q, source.observations)
         # The median squared error: few bad tracks cannot spoil it.
         scale = T_OVER_NORMAL * math.sqrt(float(np.median(d2)) / CHI2_MEDIAN)
-        return source.first_scale if scale < _NEAR_KNOWN * source.first_scale else scale
+        return (
+            source.first_scale if scale < source.config.near_known * source.first_scale else scale
+        )
 
     def factors(self, variables: JointVariables, scale: float) -> list[gtsam.NonlinearFactor]:
         """One for all tracks."""

@@ -35,7 +35,6 @@ from akm_fg.perception.moving_part.mask_prior import TrackPriorConfig, nearness
 from akm_fg.perception.observed import ObservedMotion
 from akm_fg.records import BoolArray, Recording, RgbdFrame
 
-
 _ALIKE_DIGITS = 6  # of metres; far below what any sensor tells apart
 
 
