@@ -18,6 +18,7 @@ from akm_fg.errors import TracksLost
 from akm_fg.estimation.between_kinds.all_kinds import fit_in_steps, fit_kinds, with_late_sources
 from akm_fg.estimation.between_kinds.weighed_kinds import (
     Correlation,
+    FittedKinds,
     weighed,
     with_sampled_joints,
 )
@@ -38,7 +39,7 @@ from akm_fg.geometry.joint_guess import JointGuess
 from akm_fg.geometry.rigid_motion import MIN_POINTS
 from akm_fg.posterior import ArticulationPosterior
 from akm_fg.records import FloatArray, PointTracks, PoseTrack
-from akm_fg.steps import to_end
+from akm_fg.steps import Steps, to_end
 
 
 def fit_tracks(
@@ -68,6 +69,21 @@ def fit_tracks(
         AxisUnobservable: no moving kind can be fitted.
         ValueError: a source that is not over the T frames.
     """
+    with one_blas_thread():
+        steps = tracks_in_steps(tracks, name, noise_known, seed, config, systematic_m, sources)
+        return _sampled(to_end(steps))
+
+
+def tracks_in_steps(
+    tracks: PointTracks,
+    name: str,
+    noise_known: bool = True,
+    seed: int = 0,
+    config: FitConfig | None = None,
+    systematic_m: float = 0.0,
+    sources: Sequence[Given] = (),
+) -> Steps[FittedKinds]:
+    """`fit_tracks` up to its solved graphs, with a pause after every piece of work."""
     config = config or FitConfig()
     began = time.perf_counter()
     usable = tracks.observed.sum(axis=0) >= 2
@@ -77,12 +93,13 @@ def fit_tracks(
             "expected at least one track of two frames"
         )
     tracks = tracks.select(usable)
-    with one_blas_thread():
-        if usable.sum() < MIN_POINTS:
-            problem = problem_of_path(name, tracks, None, noise_known, config)
-        else:
-            problem = problem_of_tracks(name, tracks, noise_known, seed, config)
-        return _fit(_knowing(problem, systematic_m, sources), began)
+    if usable.sum() < MIN_POINTS:
+        problem = problem_of_path(name, tracks, None, noise_known, config)
+    else:
+        problem = problem_of_tracks(name, tracks, noise_known, seed, config)
+    problem = replace(problem, members=np.flatnonzero(usable)[problem.members])
+    yield
+    return (yield from fit_in_steps(_knowing(problem, systematic_m, sources), began))
 
 
 def fit_poses(
@@ -102,7 +119,7 @@ def fit_poses(
     tracks = PointTracks(p_world, cov)
     with one_blas_thread():
         problem = problem_of_path(name, tracks, poses.R_world_part, False, config or FitConfig())
-        return _fit(problem, began)
+        return _sampled(to_end(fit_in_steps(problem, began)))
 
 
 @cache
@@ -143,30 +160,47 @@ def fit_surface(
         TracksLost: the surface is not seen again in enough places.
         AxisUnobservable: no moving kind can be fitted.
     """
+    with one_blas_thread():
+        steps = surface_in_steps(
+            surface, guess, centroid_world, tracks, name, config, systematic_m, sources
+        )
+        return to_end(steps).posterior
+
+
+def surface_in_steps(
+    surface: Surface,
+    guess: JointGuess,
+    centroid_world: FloatArray,
+    tracks: PointTracks,
+    name: str,
+    config: FitConfig | None = None,
+    systematic_m: float = 0.0,
+    sources: Sequence[Given] = (),
+) -> Steps[FittedKinds]:
+    """`fit_surface` up to its solved graphs, with a pause after every piece of work."""
     config = config or FitConfig()
     began = time.perf_counter()
-    with one_blas_thread():
-        problem = problem_of_surface(name, tracks, guess, centroid_world, config)
-        problem = _knowing(problem, systematic_m, sources)
-        start = problem.guesses[0]
-        known = {TRACKS: problem.tracks.first_scale, SURFACE: 1.0}
-        first = FirstFit(start, np.zeros(start.q.size), known, as_one=1.0)
-        registered = to_end(register(problem, first, surface))
-        if registered is None:
-            raise TracksLost(
-                f"{name}: the part's surface is not seen again in two keyframes; "
-                f"expected at least {config.surface.min_patches} patches of it"
-            )
-        problem, _ = to_end(with_late_sources(*registered))
-        fits, warnings = to_end(fit_kinds(problem))
-        correlation = Correlation()
-        if problem.tracks.any:
-            said = max(fits, key=lambda fit: fit.log_likelihood).tracks
-            correlation = Correlation(correlation_frames(said)[0], correlated_points(said))
-        if correlation.as_one > 1.0:  # else the tracks weighed rightly beside the surface already
-            problem = problem.counting(correlation.as_one)
-            fits, warnings = to_end(fit_kinds(problem))
-        return weighed(fits, problem, correlation, warnings, began).posterior
+    problem = problem_of_surface(name, tracks, guess, centroid_world, config)
+    problem = _knowing(problem, systematic_m, sources)
+    start = problem.guesses[0]
+    known = {TRACKS: problem.tracks.first_scale, SURFACE: 1.0}
+    first = FirstFit(start, np.zeros(start.q.size), known, as_one=1.0)
+    registered = yield from register(problem, first, surface)
+    if registered is None:
+        raise TracksLost(
+            f"{name}: the part's surface is not seen again in two keyframes; "
+            f"expected at least {config.surface.min_patches} patches of it"
+        )
+    problem, _ = yield from with_late_sources(*registered)
+    fits, warnings = yield from fit_kinds(problem)
+    correlation = Correlation()
+    if problem.tracks.any:
+        said = max(fits, key=lambda fit: fit.log_likelihood).tracks
+        correlation = Correlation(correlation_frames(said)[0], correlated_points(said))
+    if correlation.as_one > 1.0:  # else the tracks weighed rightly beside the surface already
+        problem = problem.counting(correlation.as_one)
+        fits, warnings = yield from fit_kinds(problem)
+    return weighed(fits, problem, correlation, warnings, began)
 
 
 def _knowing(problem: FitProblem, systematic_m: float, sources: Sequence[Given]) -> FitProblem:
@@ -174,6 +208,9 @@ def _knowing(problem: FitProblem, systematic_m: float, sources: Sequence[Given])
     return problem.with_source(tracks).knowing(sources)
 
 
-def _fit(problem: FitProblem, began: float) -> ArticulationPosterior:
-    posterior = with_sampled_joints(to_end(fit_in_steps(problem, began)))
-    return replace(posterior, time_s={"total": time.perf_counter() - began})
+def _sampled(fitted: FittedKinds) -> ArticulationPosterior:
+    """With vague joints sampled; the time that takes included."""
+    began = time.perf_counter()
+    posterior = with_sampled_joints(fitted)
+    total_s = fitted.posterior.time_s["total"] + time.perf_counter() - began
+    return replace(posterior, time_s={"total": total_s})

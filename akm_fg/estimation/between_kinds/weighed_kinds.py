@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 from typing import Any, cast
 
 import numpy as np
+from numpy.typing import NDArray
 
 from akm_fg.estimation.between_kinds.evidence import (
     is_parametric,
@@ -26,6 +27,7 @@ from akm_fg.posterior import (
     NamedKind,
     StatePosterior,
 )
+from akm_fg.records import PointTracks
 
 _NOT_WORTH_SAMPLING = 1e-3  # probability of a kind beside one that is named
 
@@ -50,6 +52,24 @@ class FittedKinds:
     posterior: ArticulationPosterior
     fits: list[KindFit]
     problem: FitProblem
+
+    def over_frames(self, points: PointTracks, numbers: NDArray[np.int_]) -> FittedKinds:
+        """The answer over all frames of an input of which the fit saw some.
+
+        Args:
+            points: T frames of the tracks that count (`FitProblem.members`).
+            numbers: of the frames that the fit saw, among those.
+        """
+        problem = replace(self.problem, points=points, keyframes=numbers[self.problem.keyframes])
+        report = self.posterior.fit
+        report = replace(
+            report,
+            keyframes_registered=tuple(numbers[list(report.keyframes_registered)].tolist()),
+            holds=tuple((int(numbers[a]), int(numbers[b])) for a, b in report.holds),
+        )
+        alternatives = {fit.kind: _kind_posterior(fit, problem) for fit in self.fits}
+        posterior = replace(self.posterior, alternatives=alternatives, fit=report)
+        return FittedKinds(posterior, self.fits, problem)
 
 
 def weighed(

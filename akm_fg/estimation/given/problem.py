@@ -33,6 +33,7 @@ class FitProblem:
 
     name: str
     points: PointTracks  # all T frames of the tracks that count
+    members: NDArray[np.int_]  # (N,) which of the given tracks those are
     keyframes: NDArray[np.int_]  # (K,) frames in the graph; the first is where the state is zero
     sources: tuple[Source, ...]  # over the keyframes; the tracks are the first
     guesses: list[JointGuess]  # over the keyframes
@@ -44,7 +45,6 @@ class FitProblem:
     config: FitConfig
     motions: MotionInformation | None  # free motions over the keyframes; None for a path
     late: tuple[LateSource, ...] = ()  # over the T frames; read after a first fit
-    members: NDArray[np.int_] | None = None  # (N,) which of the given tracks count; None: all
 
     @property
     def tracks(self) -> TrackSource:
@@ -248,7 +248,8 @@ def _problem(
 ) -> FitProblem:
     """Restrict to the keyframes."""
     k = keyframes
-    points = points.select(np.asarray(points.observed[k].any(axis=0)))
+    members = np.flatnonzero(points.observed[k].any(axis=0))
+    points = points.select(members)
     seen = points
     if k.size < points.p_world.shape[0]:
         seen = PointTracks(points.p_world[k], points.cov_world[k])
@@ -262,6 +263,7 @@ def _problem(
     return FitProblem(
         name=name,
         points=points,
+        members=members,
         keyframes=k,
         sources=(tracks,),
         guesses=[guess.restricted(k) for guess in guesses],

@@ -93,7 +93,6 @@ def compare_kinds(snapshot: Snapshot, settings: StreamSettings) -> Steps[Compari
     source = replace(problem.tracks, systematic_m=settings.systematic_m)
     problem = problem.with_source(source)
     fitted = yield from fit_in_steps(problem, began)
-    assert problem.members is not None
     k = problem.keyframes
     return Comparison(
         fitted,
