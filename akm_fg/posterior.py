@@ -5,10 +5,11 @@ Conventions: docs/conventions.md.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Literal
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy import integrate, optimize, special
 
 from akm_fg.records import FloatArray
@@ -165,6 +166,28 @@ class ArticulationPosterior:
     def best(self) -> KindPosterior:
         """The most probable kind's fit, also where the kind is undecided."""
         return self.alternatives[max(self.kind_probability, key=self.kind_probability.__getitem__)]
+
+    def over_frames(self, numbers: NDArray[np.int_], frames: int) -> ArticulationPosterior:
+        """The answer over all frames of an input, of which it has the states of some.
+
+        Args:
+            numbers: of those frames.
+            frames: of the input; in the others no state is known.
+        """
+        alternatives = {}
+        for name, kind in self.alternatives.items():
+            states = kind.states
+            if states is not None:
+                mean, sd = np.full(frames, np.nan), np.full(frames, np.nan)
+                mean[numbers], sd[numbers] = states.mean, states.sd
+                states = replace(states, mean=mean, sd=sd)
+            alternatives[name] = replace(kind, states=states)
+        fit = replace(
+            self.fit,
+            keyframes_registered=tuple(numbers[list(self.fit.keyframes_registered)].tolist()),
+            holds=tuple((int(numbers[a]), int(numbers[b])) for a, b in self.fit.holds),
+        )
+        return replace(self, alternatives=alternatives, fit=fit)
 
 
 def radius_quantile(cov: FloatArray, level: float) -> float:

@@ -7,14 +7,15 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from akm_fg import pipeline
 from akm_fg.errors import NoMotionObserved, TracksLost
 from akm_fg.io.posterior_json import posterior_as_dict
 from akm_fg.perception.config import PerceptionConfig
 from akm_fg.perception.observe import observe_motion
-from akm_fg.pipeline import estimate_joint, fit_input, fit_recording
+from akm_fg.pipeline import fit_input, fit_recording
 from akm_fg.records import PointTracks
 from akm_fg.stages import ModelSettings
+from akm_fg.steps import to_end
+from akm_fg.stream.joint_estimate import better_than_tracks, estimate_joint
 
 SOURCES = ("tracks", "surface", "both")
 
@@ -159,4 +160,4 @@ def test_tracks_that_explain_none_of_the_change_give_way_to_depth(door):
 
 def test_tracks_that_explain_the_change_are_kept(door):
     observed = observe_motion(door.recording)
-    assert pipeline._better_than_tracks(door.recording, observed, PerceptionConfig()) is None
+    assert to_end(better_than_tracks(door.recording, observed, PerceptionConfig())) is None

@@ -61,14 +61,9 @@ class FittedKinds:
             numbers: of the frames that the fit saw, among those.
         """
         problem = replace(self.problem, points=points, keyframes=numbers[self.problem.keyframes])
-        report = self.posterior.fit
-        report = replace(
-            report,
-            keyframes_registered=tuple(numbers[list(report.keyframes_registered)].tolist()),
-            holds=tuple((int(numbers[a]), int(numbers[b])) for a, b in report.holds),
-        )
+        posterior = self.posterior.over_frames(numbers, points.p_world.shape[0])
         alternatives = {fit.kind: _kind_posterior(fit, problem) for fit in self.fits}
-        posterior = replace(self.posterior, alternatives=alternatives, fit=report)
+        posterior = replace(posterior, alternatives=alternatives)
         return FittedKinds(posterior, self.fits, problem)
 
 

@@ -17,8 +17,9 @@ from akm_fg.config import AkmConfig, StageNames
 from akm_fg.errors import InputError
 from akm_fg.perception.depth.object_mask import DepthObjectSegmenter
 from akm_fg.perception.tracking.flow_tracker import FlowTracker
-from akm_fg.pipeline import estimate_joint, fit_recording
+from akm_fg.pipeline import fit_recording
 from akm_fg.stages import Stages
+from akm_fg.stream.joint_estimate import estimate_joint
 
 TOY = """
 from dataclasses import dataclass

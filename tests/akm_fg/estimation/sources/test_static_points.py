@@ -12,8 +12,8 @@ from akm_fg.estimation.sources.source import NoiseLevel
 from akm_fg.estimation.sources.static_points import StaticPoints
 from akm_fg.perception.moving_part.motion_segmentation import MotionSegmentation
 from akm_fg.perception.observed import ObservedMotion
-from akm_fg.pipeline import knowledge_of
 from akm_fg.records import PinholeCamera, PixelTracks, PointTracks, Recording, RgbdFrame
+from akm_fg.stream.joint_estimate import knowledge_of
 
 WHITE = GraspConfig(sigma_trans_m=0.002, sigma_rot_rad=0.02, frames_as_one=1.0)
 SIGMA_M = 0.003  # of every coordinate in the openings

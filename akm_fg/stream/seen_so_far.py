@@ -1,0 +1,168 @@
+"""All that was seen of an object so far, and what it means: what a recording and a stream share.
+
+Frames are looked at as they come; the joint is estimated from the frames that are kept (see
+`akm_fg.perception.kept_frames`), at the end of a recording or in between, in one go or in steps.
+"""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass, replace
+
+import gtsam
+import numpy as np
+
+from akm_fg.estimation.fit import one_blas_thread
+from akm_fg.perception.observe import MotionObserver
+from akm_fg.perception.observed import ObservedMotion
+from akm_fg.perception.tracking.track_store import SeenPoints
+from akm_fg.records import BoolArray, Recording, RgbdFrame
+from akm_fg.stages import JointEstimator, ModelSettings, RecordingFit, Stages
+from akm_fg.steps import Steps, to_end
+from akm_fg.stream.joint_estimate import JointEstimate, estimate_in_steps
+
+
+@dataclass(frozen=True, slots=True)
+class Hand:
+    """The gripper at the time of a frame."""
+
+    T_world_gripper: gtsam.Pose3
+    holding: bool  # something was between the closed fingers
+
+
+class SeenSoFar:
+    """Watches frames, and tells their posterior.
+
+    Args:
+        name: of the posterior, and in messages.
+        settings: how the frames are modelled.
+        stages: who masks, tracks and estimates.
+    """
+
+    def __init__(
+        self, name: str, settings: ModelSettings | None = None, stages: Stages | None = None
+    ) -> None:
+        self.name, self.settings = name, settings or ModelSettings()
+        self.stages = stages = stages or Stages()
+        self._observer = MotionObserver(
+            self.settings.perception.observe,
+            self.settings.seed,
+            stages.segmenter,
+            stages.tracker,
+        )
+        self._hands: list[Hand | None] = []
+        self._grasp: tuple[int, int] | None = None  # first stretch of frames in which it holds
+        self._watching_s = 0.0
+
+    def __len__(self) -> int:
+        """Frames so far."""
+        return len(self._observer.store)
+
+    @property
+    def points(self) -> int:
+        """Points that were followed so far."""
+        return self._observer.store.points
+
+    def watch(
+        self, frame: RgbdFrame, hand: Hand | None = None, object_mask: BoolArray | None = None
+    ) -> SeenPoints:
+        """Look at the next frame.
+
+        Args:
+            frame: of a camera that stands still.
+            hand: the gripper at that time, where it is known.
+            object_mask: (H, W) the object in it, where that is known.
+
+        Raises:
+            TracksLost: no object is seen in the first frame; the next one is the first again.
+        """
+        began, number = time.perf_counter(), len(self)
+        first, last = (number, number - 1) if self._grasp is None else self._grasp
+        held = hand is not None and hand.holding and last == number - 1
+        at = hand.T_world_gripper.translation() if held and hand is not None else None
+        seen = self._observer.watch(frame, object_mask, at)
+        self._hands.append(hand)
+        if held:
+            self._grasp = first, number
+        self._watching_s += time.perf_counter() - began
+        return seen
+
+    def estimate_in_steps(self) -> Steps[JointEstimate]:
+        """The joint from what was seen until the first step, over the frames that are kept.
+
+        Raises:
+            InsufficientData: see `answer`.
+        """
+        clip, numbers = self._clip(), self._observer.kept.numbers
+        settings = self._settings_of(clip)
+        observed = yield from self._observer.observed_in_steps(numbers)
+        yield
+        return (yield from estimate_in_steps(clip, observed, settings))
+
+    def answer(self) -> RecordingFit:
+        """What was seen so far and what it means, over all frames.
+
+        Raises:
+            TracksLost: nothing on the object could be followed and depth shows no motion.
+            NoMotionObserved: nothing moved beyond the noise.
+            AxisUnobservable: no moving kind can be fitted.
+        """
+        began = time.perf_counter()
+        with one_blas_thread():
+            given = self.stages.estimator
+            fit = self._estimated() if given is None else self._given(given)
+        fit_s = time.perf_counter() - began
+        watching_s = self._watching_s
+        times = {"total": watching_s + fit_s, "perception": watching_s, "fit": fit_s}
+        return replace(fit, posterior=replace(fit.posterior, time_s=times))
+
+    def _estimated(self) -> RecordingFit:
+        """By the default estimator; frames that are not kept get their states beside the graph."""
+        estimate = to_end(self.estimate_in_steps())
+        numbers, store = self._observer.kept.numbers, self._observer.store
+        if numbers.size == len(self):
+            return RecordingFit(estimate.observed, estimate.posterior())
+        points = store.point_tracks().select(estimate.members)
+        estimate = replace(estimate, fitted=estimate.fitted.over_frames(points, numbers))
+        return RecordingFit(self._of_all_frames(estimate.observed), estimate.posterior())
+
+    def _given(self, estimator: JointEstimator) -> RecordingFit:
+        """By another estimator; frames that are not kept have no state."""
+        clip, numbers = self._clip(), self._observer.kept.numbers
+        fit = estimator(clip, self._observer.observed(numbers), self._settings_of(clip))
+        if numbers.size == len(self):
+            return fit
+        posterior = fit.posterior.over_frames(numbers, len(self))
+        return RecordingFit(self._of_all_frames(fit.observed), posterior)
+
+    def _of_all_frames(self, observed: ObservedMotion) -> ObservedMotion:
+        store = self._observer.store
+        return replace(observed, tracks=store.point_tracks(), pixels=store.pixel_tracks())
+
+    def _clip(self) -> Recording:
+        """The frames that are kept."""
+        kept = self._observer.kept
+        hands = [self._hands[k] for k in kept.numbers]
+        known = [hand.T_world_gripper for hand in hands if hand is not None]
+        poses = tuple(known) if len(known) == len(hands) else None
+        first, last = (0, -1) if self._grasp is None else self._grasp
+        held = np.flatnonzero((kept.numbers >= first) & (kept.numbers <= last))
+        grasp_frames = (int(held[0]), int(held[-1])) if held.size else None
+        return Recording(self.name, kept.frames, None, poses, grasp_frames)
+
+    def _settings_of(self, clip: Recording) -> ModelSettings:
+        """With the stamps of the frames that are kept, where the states' motion needs any."""
+        states = self.settings.states
+        if states is None or states.stamps_s is None:
+            return self.settings
+        stamps_s = np.array([frame.stamp_s for frame in clip.frames])
+        return replace(self.settings, states=replace(states, stamps_s=stamps_s))
+
+
+def hands_of(recording: Recording) -> list[Hand | None]:
+    """The gripper at the time of each frame; None where it is not known."""
+    poses = recording.T_world_gripper
+    if poses is None:
+        return [None] * len(recording.frames)
+    first, last = recording.grasp_frames or (0, -1)
+    return [Hand(pose, first <= t <= last) for t, pose in enumerate(poses)]
