@@ -131,7 +131,7 @@ def _by_tracks(
         sources=[*registered, *knowledge],
     )
     estimate = JointEstimate(observed, fitted, moving[fitted.problem.members], True)
-    if settings.sources == "dense":
+    if settings.sources == "surface":
         return (yield from _surface_alone(estimate, surface, config, knowledge))
     return estimate
 
@@ -184,7 +184,7 @@ def _by_change(
             rejected=(segmentation.rejected | segmentation.moving) & ~moving,
         ),
     )
-    enough = moving.sum() >= MIN_POINTS and settings.sources != "dense"
+    enough = moving.sum() >= MIN_POINTS and settings.sources != "surface"
     used = np.flatnonzero(moving) if enough else np.zeros(0, dtype=int)
     fitted = yield from surface_in_steps(
         surface,
