@@ -13,7 +13,9 @@ class PriorConfig:
     """Proper priors: what the evidence of a kind is measured against."""
 
     hinge_distance_m: float = 0.3  # median distance of a hinge from the part's middle
-    handle_distance_m: float = 0.6  # the same for the path of one marker, which sits on a handle
+    handle_distance_m: float = (
+        0.6  # median distance of a hinge from one marker: it sits on a handle
+    )
     hinge_distance_sigma_log: float = 0.6  # 95 % of hinges between a third and three times that
     motion_that_matters_m: float = 0.01  # rest is named where such a travel would have been seen
     least_travel_m: float = 0.001  # the travel is log-uniform from here, less is no motion,
@@ -81,8 +83,10 @@ class FitConfig:
     cost_tolerance: float = 0.05  # nats; a step that gains less moves by a tenth of a sigma
     rough_cost_tolerance: float = 1.0  # nats; while starts, kinds and noise scales are compared
     max_iterations: int = 30  # of Levenberg-Marquardt a round; a good start takes five
-    rough_scale_tolerance: float = 0.1  # relative, the same
-    rough_iterations: int = 12  # the same while comparing
+    rough_scale_tolerance: float = (
+        0.1  # relative change of the scale that ends them while comparing
+    )
+    rough_iterations: int = 12  # of Levenberg-Marquardt a round, while starts are compared
     sampling: SamplingConfig = field(default_factory=SamplingConfig)
     much_nearer: float = 0.5  # a screw read off the motions starts a hinge if it costs so much less
     screw_gain: float = 3.0  # nats over its hinge; with less, the pitch's prior decides against it
@@ -91,7 +95,7 @@ class FitConfig:
     static_tracks: int = 20  # tell the noise level to three percent, in 8 ms
     static_frames: int = 20
     solve_within: float = 10.0  # nats behind; a start fitted to free motions is off by a tenth
-    polish_within: float = 50.0  # the same of a path, whose starts are rough; nats of evidence
+    polish_within: float = 50.0  # nats of evidence behind; starts of a path are rough
     scale_iterations: int = 6  # rounds of: solve, estimate the noise scale
     still_scale_iterations: int = 1  # of a kind that is out of the race
     scale_tolerance: float = 0.02  # relative change of the noise scale that ends the rounds
@@ -103,7 +107,9 @@ class FitConfig:
     systematic_share: float = 0.02  # of the travel: marker bias, flexing parts, play in the hinge
     camera_systematic_m: float = 2e-4  # of a recording: what no averaging removes (calibration)
     sound_noise_scale: float = 0.6  # of recordings' tracks on texture, over what lifting claims
-    surface_systematic_m: float = 5e-5  # the same of the surface's depth, along its normal
+    surface_systematic_m: float = (
+        5e-5  # of the surface's depth along its normal: what no averaging removes
+    )
     systematic_modes: int = 4  # independent ways in which such errors bend what is seen
     surface_noise_limit: float = 1.0  # of single depth readings; smoothed ones are at a third
     parametric_p_value: float = 1e-3  # chi-square level below which no kind explains the data

@@ -13,7 +13,7 @@ class ObservedMotion:
     """What was seen of the object: N tracks over T frames."""
 
     tracks: PointTracks  # all; world frame
-    pixels: PixelTracks  # the same, in the image
+    pixels: PixelTracks  # the tracks in the image
     segmentation: MotionSegmentation
     object_mask: BoolArray  # (H, W) in the first frame
 

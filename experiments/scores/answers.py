@@ -17,7 +17,7 @@ class Uncertainty:
     T_world_joint: FloatArray  # (4, 4)
     cov: FloatArray  # (6, 6), tangent of T_world_joint
     axis_bound_rad: float  # radius that holds 95 %
-    pivot_bound_m: float | None  # the same of the axis line from the pivot; None for prismatic
+    pivot_bound_m: float | None  # 95 % bound of the axis line from the pivot; None for prismatic
     state_sd: FloatArray  # (T,)
 
 

@@ -29,7 +29,7 @@ class FaceJointConfig:
     parallel_rad: float = 0.1  # between the faces of a drawer
     tilt_gate_rad: float = 0.06  # of a plane that does not hold the axis
     tilt_sigma_rad: float = 0.005  # of a plane's normal: surfaces and depth are warped
-    offset_sigma_m: float = 0.0015  # of a plane at the hinge, likewise
+    offset_sigma_m: float = 0.0015  # of a plane at the hinge
     reweights: int = 5  # Cauchy weights: faces seen just beyond the noise are the worst
     least_turn_rad: float = 0.03  # of a hinge that can be told from a drawer by its face
     hinge_depth_m: float = 0.03  # how far a hinge lies off the plane of its face: 0 to 5 cm
