@@ -73,7 +73,7 @@ class JointPosterior:
 
     @property
     def pivot_sd_m(self) -> float | None:
-        """Root mean square of the pivot's standard deviations across the axis; None for prismatic."""
+        """Root mean square of the pivot's deviations across the axis; None for prismatic."""
         if not self.turns:
             return None
         return float(np.sqrt(np.trace(self.cov[3:5, 3:5]) / 2))

@@ -13,9 +13,7 @@ class PriorConfig:
     """Proper priors: what the evidence of a kind is measured against."""
 
     hinge_distance_m: float = 0.3  # median distance of a hinge from the part's middle
-    handle_distance_m: float = (
-        0.6  # median distance of a hinge from one marker: it sits on a handle
-    )
+    handle_distance_m: float = 0.6  # from the marker of a pose log: it sits on a handle
     hinge_distance_sigma_log: float = 0.6  # 95 % of hinges between a third and three times that
     motion_that_matters_m: float = 0.01  # rest is named where such a travel would have been seen
     least_travel_m: float = 0.001  # the travel is log-uniform from here, less is no motion,
@@ -83,9 +81,7 @@ class FitConfig:
     cost_tolerance: float = 0.05  # nats; a step that gains less moves by a tenth of a sigma
     rough_cost_tolerance: float = 1.0  # nats; while starts, kinds and noise scales are compared
     max_iterations: int = 30  # of Levenberg-Marquardt a round; a good start takes five
-    rough_scale_tolerance: float = (
-        0.1  # relative change of the scale that ends them while comparing
-    )
+    rough_scale_tolerance: float = 0.1  # relative change that ends them while comparing
     rough_iterations: int = 12  # of Levenberg-Marquardt a round, while starts are compared
     sampling: SamplingConfig = field(default_factory=SamplingConfig)
     much_nearer: float = 0.5  # a screw read off the motions starts a hinge if it costs so much less
@@ -107,9 +103,7 @@ class FitConfig:
     systematic_share: float = 0.02  # of the travel: marker bias, flexing parts, play in the hinge
     camera_systematic_m: float = 2e-4  # of a recording: what no averaging removes (calibration)
     sound_noise_scale: float = 0.6  # of recordings' tracks on texture, over what lifting claims
-    surface_systematic_m: float = (
-        5e-5  # of the surface's depth along its normal: what no averaging removes
-    )
+    surface_systematic_m: float = 5e-5  # of the depth along the normal, likewise unaveraged
     systematic_modes: int = 4  # independent ways in which such errors bend what is seen
     surface_noise_limit: float = 1.0  # of single depth readings; smoothed ones are at a third
     parametric_p_value: float = 1e-3  # chi-square level below which no kind explains the data
