@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 
 import gtsam
 import numpy as np
+from numpy.typing import NDArray
 
 from akm_fg.estimation.fit import one_blas_thread
 from akm_fg.perception.observe import MotionObserver
@@ -59,6 +60,11 @@ class SeenSoFar:
         return len(self._observer.store)
 
     @property
+    def numbers(self) -> NDArray[np.int_]:
+        """(K,) of the frames whose images are kept, growing."""
+        return self._observer.kept.numbers
+
+    @property
     def points(self) -> int:
         """Points that were followed so far."""
         return self._observer.store.points
@@ -93,7 +99,7 @@ class SeenSoFar:
         Raises:
             InsufficientData: see `answer`.
         """
-        clip, numbers = self._clip(), self._observer.kept.numbers
+        clip, numbers = self._clip(), self.numbers
         settings = self._settings_of(clip)
         observed = yield from self._observer.observed_in_steps(numbers)
         yield
@@ -119,7 +125,7 @@ class SeenSoFar:
     def _estimated(self) -> RecordingFit:
         """By the default estimator; frames that are not kept get their states beside the graph."""
         estimate = to_end(self.estimate_in_steps())
-        numbers, store = self._observer.kept.numbers, self._observer.store
+        numbers, store = self.numbers, self._observer.store
         if numbers.size == len(self):
             return RecordingFit(estimate.observed, estimate.posterior())
         points = store.point_tracks().select(estimate.members)
@@ -128,7 +134,7 @@ class SeenSoFar:
 
     def _given(self, estimator: JointEstimator) -> RecordingFit:
         """By another estimator; frames that are not kept have no state."""
-        clip, numbers = self._clip(), self._observer.kept.numbers
+        clip, numbers = self._clip(), self.numbers
         fit = estimator(clip, self._observer.observed(numbers), self._settings_of(clip))
         if numbers.size == len(self):
             return fit

@@ -9,7 +9,7 @@ from akm_fg.estimation.between_kinds.starts import Start, starts_of_part
 from akm_fg.estimation.between_kinds.weighed_kinds import Correlation, FittedKinds, weighed
 from akm_fg.estimation.given.problem import FitProblem
 from akm_fg.estimation.joint_prior import log_joint_prior
-from akm_fg.estimation.one_kind.kind_fit import fit_kind, fit_rigid
+from akm_fg.estimation.one_kind.kind_fit import Effort, fit_kind, fit_rigid, kind_in_steps
 from akm_fg.estimation.one_kind.laplace import KindFit
 from akm_fg.estimation.sources.source import FirstFit
 from akm_fg.estimation.sources.track_noise import correlated_points, correlation_frames
@@ -70,7 +70,9 @@ def fit_kinds(problem: FitProblem) -> Steps[tuple[list[KindFit], list[str]]]:
         moving, reasons = _fit_path(problem)
     if not moving:
         raise AxisUnobservable(f"{problem.name}: " + "; ".join(reasons))
-    return [fit_rigid(problem), *moving], reasons
+    still = fit_rigid(problem)
+    yield
+    return [still, *moving], reasons
 
 
 def _likeliest(fits: list[KindFit]) -> KindFit:
@@ -83,7 +85,9 @@ def _fit_part(starts: list[Start], problem: FitProblem) -> Steps[tuple[list[Kind
     for start in starts:
         in_race = start.nats_behind < problem.config.solve_within and start.worth_it
         try:
-            fits.append(fit_kind(start.guess, problem, effort="full" if in_race else "none"))
+            effort: Effort = "full" if in_race else "none"
+            fit = yield from kind_in_steps(start.guess, problem, effort=effort)
+            fits.append(fit)
         except AxisUnobservable as error:
             reasons.append(str(error))
         yield

@@ -137,6 +137,7 @@ def register(
         seen = views.associate(R[at], t[at], gate_m)
         if seen.patches.precision.shape[1] < config.min_patches:
             return None
+        yield
         source = SurfaceSource(seen.patches, at, 1.0, scale, problem.config)
         source, cost = _rescaled(source, R[at], t[at])
         scale = source.first_scale

@@ -32,6 +32,7 @@ from akm_fg.estimation.sources.source import (
 )
 from akm_fg.estimation.sources.tracks import freedom_left
 from akm_fg.geometry.joint_guess import JointGuess, still
+from akm_fg.steps import Steps, to_end
 
 _STILL_TOLERANCE = 1e-4  # nats; a few variables are cheap to solve well
 Effort = Literal["full", "rough", "none"]
@@ -56,6 +57,16 @@ def fit_kind(
     Raises:
         AxisUnobservable: the data leave a direction open.
     """
+    return to_end(kind_in_steps(guess, problem, previous, effort))
+
+
+def kind_in_steps(
+    guess: JointGuess,
+    problem: FitProblem,
+    previous: KindFit | None = None,
+    effort: Effort = "full",
+) -> Steps[KindFit]:
+    """`fit_kind`, with a pause after every round."""
     if guess.q.mean() < 0:  # what is known of states is counted as they grow
         guess = guess.turned()
         previous = None if previous is None else previous.pointing_forward()
@@ -75,6 +86,7 @@ def fit_kind(
         if _change(scales, new) < tolerance:
             break
         scales = new
+        yield
     return _laplace(read(values, variables, scales), terms, problem, freedom)
 
 

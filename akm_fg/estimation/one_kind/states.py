@@ -77,8 +77,9 @@ def state_sd_beside(
         information: (M,) on them, from `solved_states`.
         model: (K - 1,) from `model_variance`.
     """
-    order = np.argsort(fit.q[1:])
-    beyond = np.interp(q, fit.q[1:][order], model[order])
+    known = 1 + np.flatnonzero(np.isfinite(model))
+    order = known[np.argsort(fit.q[known])]
+    beyond = np.interp(q, fit.q[order], model[order - 1]) if order.size else 0.0
     sd: FloatArray = np.sqrt(fit.track_variance_ratio / information + beyond)
     return sd
 
@@ -86,9 +87,12 @@ def state_sd_beside(
 def model_variance(fit: KindFit, keyframes: TrackObservations, config: FitConfig) -> FloatArray:
     """Variance of the keyframes' states (K - 1,) beyond their own frame's noise.
 
-    Frame 0 is left out: its state is zero by definition, without variance.
+    Frame 0 is left out: its state is zero by definition, without variance. NaN in frames that no
+    track sees: what their states are known by is not noise of a frame's tracks.
     """
-    _, information = _state_step(fit, keyframes, fit.q, config)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        _, information = _state_step(fit, keyframes, fit.q, config)
+    information = np.where(keyframes.observed.any(axis=1), information, np.nan)
     return np.maximum(fit.state_sd[1:] ** 2 - fit.track_variance_ratio / information[1:], 0.0)
 
 

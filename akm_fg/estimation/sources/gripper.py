@@ -112,6 +112,16 @@ class GripperSource(Source):
                 holds.append(Hold(here, hold.T_world_gripper[kept]))
         return replace(self, holds=tuple(holds)) if holds else None
 
+    @property
+    def own_frames(self) -> NDArray[np.int_]:
+        """Those of the holds."""
+        return np.unique(np.concatenate([hold.frames for hold in self.holds]))
+
+    def moved(self, places: NDArray[np.int_]) -> GripperSource:
+        """In another graph that has the holds' frames too."""
+        holds = tuple(replace(hold, frames=places[hold.frames]) for hold in self.holds)
+        return replace(self, holds=holds)
+
     def recounted(self, as_one: float) -> GripperSource:
         """Weighed for tracks of which so many observations count as one."""
         return replace(self, count_as_one=self.count_as_one / as_one)

@@ -199,8 +199,17 @@ class Source(ABC):
     def check(self, frames: int) -> None:
         """Refuse what is not over the input's frames (ValueError)."""
 
+    @property
+    def own_frames(self) -> NDArray[np.int_]:
+        """(F,) the graph's frames that it tells of itself (indices, growing); none: of any."""
+        return np.zeros(0, dtype=int)
+
     def restricted(self, frames: NDArray[np.int_]) -> Source | None:
         """Over some of the graph's frames (indices, growing); None where nothing is left."""
+        return self
+
+    def moved(self, places: NDArray[np.int_]) -> Source:
+        """In another graph: `places` (T,) of this one's frames there; its own must have one."""
         return self
 
     def recounted(self, as_one: float) -> Source:

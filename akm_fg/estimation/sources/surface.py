@@ -44,6 +44,15 @@ class SurfaceSource(Source):
         assert previous is None or isinstance(previous, SurfaceContribution)
         return SurfaceTerm(self, part, previous)
 
+    @property
+    def own_frames(self) -> NDArray[np.int_]:
+        """Those of the keyframes."""
+        return self.frames
+
+    def moved(self, places: NDArray[np.int_]) -> SurfaceSource:
+        """In another graph that has the keyframes too."""
+        return replace(self, frames=places[self.frames])
+
     def recounted(self, as_one: float) -> SurfaceSource:
         """Weighed for tracks of which so many observations count as one."""
         return replace(self, count_as_one=max(self.count_as_one / as_one, 1e-3))

@@ -11,6 +11,8 @@ pieces of work: where both are due, solving on and comparing take turns.
 
 from __future__ import annotations
 
+from functools import partial
+
 import numpy as np
 
 from akm_fg.errors import InsufficientData, TracksLost
@@ -18,6 +20,7 @@ from akm_fg.estimation.between_kinds.weighed_kinds import joint_posterior
 from akm_fg.estimation.fit import one_blas_thread
 from akm_fg.estimation.stream.keyframes import Keyframes, StreamFrame
 from akm_fg.estimation.stream.kind_comparison import (
+    Compare,
     Comparison,
     Snapshot,
     StreamSettings,
@@ -43,6 +46,8 @@ class IncrementalFit:
         seed: of the consensus sampling.
         config: tuning.
         systematic_m: see `fit_tracks`.
+        compare: fits all kinds when enough has come in; from the keyframes if not given. Whoever
+            knows more than tracks (the part's surface, what rests) hands in his own.
 
     Raises:
         ValueError: more keyframes than the graph of a fit takes, or fewer than three.
@@ -55,6 +60,7 @@ class IncrementalFit:
         seed: int = 0,
         config: IncrementalConfig | None = None,
         systematic_m: float = 0.0,
+        compare: Compare | None = None,
     ) -> None:
         self._config = config = config or IncrementalConfig()
         if not 3 <= config.max_keyframes <= config.fit.max_frames:
@@ -64,7 +70,10 @@ class IncrementalFit:
         self._keyframes = Keyframes(
             config.max_keyframes, config.max_pooled, config.fit.rigid_motion.inlier_sigmas
         )
-        self._settings = StreamSettings(name, noise_known, seed, systematic_m, config.fit)
+        self._name = name
+        settings = StreamSettings(name, noise_known, seed, systematic_m, config.fit)
+        self._compare: Compare = compare or partial(compare_kinds, settings=settings)
+        self._by_keyframes = compare is None  # else all frames may tell more
         self._tracks = StreamTracks(config.max_tracks)
         self._version = 0  # of the keyframes
         self._lead: LeadingKind | None = None
@@ -89,7 +98,7 @@ class IncrementalFit:
             TracksLost: no frame has been seen yet.
         """
         if not self._keyframes.frames:
-            raise TracksLost(f"{self._settings.name}: no frame with {MIN_POINTS} tracks yet")
+            raise TracksLost(f"{self._name}: no frame with {MIN_POINTS} tracks yet")
         return self._keyframes.tracks()
 
     def add(
@@ -124,7 +133,7 @@ class IncrementalFit:
         """
         with one_blas_thread():
             if self._compared is None or self._compared.version != self._version:
-                self._publish(to_end(compare_kinds(self._snapshot(), self._settings)))
+                self._publish(to_end(self._compare(self._snapshot())))
         assert self._compared is not None
         return self._compared.posterior()
 
@@ -236,10 +245,11 @@ class IncrementalFit:
         """
         total, config = self._keyframes.total, self._config
         if self._comparing is None:
-            due = total > (1 + config.growth_to_compare) * self._compared_total
+            comparable = total if self._by_keyframes else number + 1
+            due = comparable > (1 + config.growth_to_compare) * self._compared_total
             if len(self._keyframes.frames) > 1 and (due or (is_keyframe and self._lead is None)):
-                self._compared_total = total
-                self._comparing = compare_kinds(self._snapshot(), self._settings)
+                self._compared_total = comparable
+                self._comparing = self._compare(self._snapshot())
         grown = total > (1 + config.growth_to_solve) * self._solved_total
         self._to_solve |= is_keyframe or (grown and self._comparing is None)
         compare = self._comparing is not None and (self._just_solved or not self._to_solve)

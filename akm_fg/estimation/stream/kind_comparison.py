@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Callable
 from dataclasses import dataclass, replace
+from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -42,6 +44,10 @@ class Snapshot:
     numbers: NDArray[np.int_]  # (K,) of the frames
     counts: NDArray[np.int_]  # (K,) frames pooled into each
     version: int
+
+
+Compare: TypeAlias = "Callable[[Snapshot], Steps[Comparison]]"
+"""Fits all kinds to what is known at the moment of a snapshot, in steps."""
 
 
 @dataclass(frozen=True, slots=True)

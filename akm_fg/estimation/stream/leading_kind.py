@@ -95,15 +95,31 @@ class LeadingKind:
         usable = (observed.sum(axis=1) >= MIN_POINTS) & (numbers >= self.numbers[0])
         usable &= np.isin(numbers, list(states))
         kept = observed[usable].any(axis=0)
-        p = tracks.p_world[usable][:, columns[kept]]
-        cov = tracks.cov_world[usable][:, columns[kept]]
-        observations = TrackObservations.from_points(p, cov)
-        source = replace(self.problem.tracks, observations=observations, x_world=None)
-        problem = replace(self.problem, keyframes=numbers[usable]).with_source(source)
-        q = np.array([states[number] for number in numbers[usable]])
+        frames = np.union1d(numbers[usable], self._of_other_sources())
+        p = np.full((frames.size, int(kept.sum()), 3), np.nan)
+        cov = np.full((*p.shape, 3), np.nan)
+        at = np.searchsorted(frames, numbers[usable])
+        p[at] = tracks.p_world[usable][:, columns[kept]]
+        cov[at] = tracks.cov_world[usable][:, columns[kept]]
+        problem = self._problem_over(frames, TrackObservations.from_points(p, cov))
+        known = dict(zip(self.numbers.tolist(), self.fit.q.tolist(), strict=True)) | states
+        q = np.array([known[number] for number in frames.tolist()])
         guess = JointGuess(self.fit.moving, q - q[0])
         fit = fit_kind(guess, problem, _of_columns(self.fit, kept)).tempered(self.fit.as_one)
-        return _of_fit(fit.pointing_forward(), problem, self.ids[kept], numbers[usable])
+        return _of_fit(fit.pointing_forward(), problem, self.ids[kept], frames)
+
+    def _of_other_sources(self) -> NDArray[np.int_]:
+        """Numbers of the graph's frames of which more is known than what tracks say."""
+        own = [source.own_frames for source in self.problem.sources[1:]]
+        return self.numbers[np.unique(np.concatenate([np.zeros(0, dtype=int), *own]))]
+
+    def _problem_over(self, frames: NDArray[np.int_], tracks: TrackObservations) -> FitProblem:
+        """The problem over other frames (numbers), with their tracks."""
+        there = np.isin(self.numbers, frames)
+        places = np.where(there, np.searchsorted(frames, self.numbers), -1)
+        others = tuple(source.moved(places) for source in self.problem.sources[1:])
+        source = replace(self.problem.tracks, observations=tracks, x_world=None)
+        return replace(self.problem, keyframes=frames, sources=(source, *others))
 
     def states(self, keyframes: Keyframes, ids: NDArray[np.int_]) -> dict[int, float]:
         """States of all keyframes that see the part, by number."""

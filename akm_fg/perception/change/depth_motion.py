@@ -32,6 +32,8 @@ from akm_fg.steps import Steps
 from factors.joint import skew
 from factors.student_t import weight
 
+_SEARCHED_A_PIECE = 8  # frames in which the face is looked for without a pause: 20 ms
+
 
 @dataclass(frozen=True, slots=True)
 class DepthMotionConfig:
@@ -94,7 +96,7 @@ def depth_motion(
     yield
     found = []
     for start in starts_from_faces(faces, len(change.frames), config.joint):
-        guess, known = _with_states(start, change, config)
+        guess, known = yield from _with_states(start, change, config)
         yield
         R, t = guess.joint.motion(guess.q)
         found.append((explained_share(change, R, t, every), guess, known))
@@ -106,13 +108,14 @@ def depth_motion(
 
 def _with_states(
     start: FaceStart, change: DepthChange, config: DepthMotionConfig
-) -> tuple[JointGuess, BoolArray]:
+) -> Steps[tuple[JointGuess, BoolArray]]:
     """The guess with the states of all frames, and where the face is seen."""
     depth_m = np.stack([f.depth_m for f in change.frames])
     q, seen = _states(start, start.guess.q, depth_m, change, config)
     sure = seen >= config.surely_seen * seen.max()
     sure[0], q[0] = True, 0.0
-    _search_from_neighbours(start, q, seen, sure, depth_m, change, config)
+    yield
+    yield from _search_from_neighbours(start, q, seen, sure, depth_m, change, config)
     known = sure | (seen >= config.min_seen * len(start.p_world))
     q = np.interp(np.arange(q.size), np.flatnonzero(known), q[known])
     return replace(start.guess, q=q), known
@@ -126,7 +129,7 @@ def _search_from_neighbours(
     depth_m: NDArray[np.float32],
     change: DepthChange,
     config: DepthMotionConfig,
-) -> None:
+) -> Steps[None]:
     """Look for the face in frames that show little of it, from the state of the nearest other.
 
     Interpolated states are far off beyond the last keyframe that shows the face: the robot may
@@ -144,6 +147,8 @@ def _search_from_neighbours(
         if counts[best] > seen[t]:
             q[t], seen[t] = states[best], counts[best]
         done = np.append(done, t)
+        if done.size % _SEARCHED_A_PIECE == 0:
+            yield
 
 
 def _states(

@@ -148,7 +148,7 @@ def segment_motion(
             seeds = [held_tracks(tracks, significant, hand, config)]
         found = []
         for seed in seeds:
-            motion = _fit_motion(tracks, seen, rest, seed, hand, config, rng)
+            motion = yield from _fit_motion(tracks, seen, rest, seed, hand, config, rng)
             if motion is not None:
                 found.append(_decide(tracks, seen, rest, motion, judged, enough, config))
             yield
@@ -223,7 +223,7 @@ def _fit_motion(
     hand_world: FloatArray | None,
     config: MotionSegmentationConfig,
     rng: np.random.Generator,
-) -> RigidMotion | None:
+) -> Steps[RigidMotion | None]:
     """The rigid motion of some tracks (and of the hand), refitted to all that it explains."""
     enough = config.min_moving if hand_world is None else config.min_with_hand
     limit = config.max_per_freedom * config.max_noise_scale**2
@@ -241,6 +241,7 @@ def _fit_motion(
         rest_known = rest if motion.known.all() else seen.judge_rest(motion.known)
         better = rest_known.cost - moved.cost > 2 * config.min_log_ratio
         last, seed = seed, np.flatnonzero((moved.per_freedom() < limit) & better)
+        yield
         if np.array_equal(last, seed):
             break
     return motion if len(seed) >= enough else None

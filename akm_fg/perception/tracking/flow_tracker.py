@@ -51,6 +51,7 @@ class FlowTrackerConfig:
     min_correlation: float = 0.8  # of the patch; 0.7 lets the robot's shadow through
     sure_correlation: float = 0.9  # to accept a point again that was lost
     max_shift_px: float = 4.0  # from the prediction: more is another, similar place
+    max_stretch: float = 5.0  # of a patch, or its inverse: turned by 78 deg; an edge fits any
     max_sigma_px: float = 1.5  # in the better direction, 3 mm at 1.2 m: as large as depth noise
     max_slip_px: float = 5.0  # in the other: 1 cm at 1.2 m; edges are straight for so long
     floor_sigma_px: float = 0.06  # sampling and shading errors, which no patch statistic shows
@@ -219,7 +220,9 @@ class FlowSession:
         c = self._config
         m = match(image.smoothed, s.templates, index, predicted, shape, prior, c.patch)
         shift = np.linalg.norm(m.uv - predicted, axis=1)
+        stretch = np.linalg.svd(m.shape, compute_uv=False)
         fits = (m.correlation > least_correlation) & (shift < c.max_shift_px)
+        fits &= (stretch[:, 1] > 1 / c.max_stretch) & (stretch[:, 0] < c.max_stretch)
         return _Found(m.uv, m.shape, m.cov_px2, fits)
 
     def _anchor_anew(self, s: TrackedPoints, index: NDArray[np.int_], before: _Image) -> None:

@@ -1,0 +1,130 @@
+"""A frame goes in, the posterior so far comes out: perception, graph and kinds advance together.
+
+Every frame is watched (tracked, lifted), gets its state with the leading joint held, and moves the
+thinking on by at most one bounded piece of work (`akm_fg.estimation.stream.incremental`): the
+leading kind's graph solved on, or a piece of comparing all kinds by what is kept, exactly as a
+recording of the same frames is fitted. `posterior` does at once what is left to do.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Generator
+from dataclasses import replace
+
+import numpy as np
+
+from akm_fg.estimation.between_kinds.weighed_kinds import FittedKinds
+from akm_fg.estimation.sources.state_knowledge import StateKnowledge
+from akm_fg.estimation.stream.incremental import IncrementalFit
+from akm_fg.estimation.stream.kind_comparison import Compare, Comparison, Snapshot
+from akm_fg.estimation.stream.stream_records import FrameUpdate, IncrementalConfig
+from akm_fg.records import BoolArray, RgbdFrame
+from akm_fg.stages import ModelSettings, RecordingFit, Stages
+from akm_fg.steps import Result, Steps
+from akm_fg.stream.seen_so_far import Hand, SeenSoFar
+
+FRAMES_A_PIECE = 20  # of fewer frames, several pieces of a comparison cost what one of so many does
+
+
+class FrameStream:
+    """The joint of an object that one fixed camera watches, frame by frame.
+
+    Args:
+        name: of the posterior, and in messages.
+        settings: how the frames are modelled.
+        stages: who masks, tracks and estimates; an estimator that is handed in is asked by
+            `posterior` alone.
+        config: how much is kept for the updates, and how often it is thought over.
+    """
+
+    def __init__(
+        self,
+        name: str = "stream",
+        settings: ModelSettings | None = None,
+        stages: Stages | None = None,
+        config: IncrementalConfig | None = None,
+    ) -> None:
+        settings = settings or ModelSettings()
+        self._seen = SeenSoFar(name, settings, stages)
+        self._thinking = IncrementalFit(
+            name,
+            seed=settings.seed,
+            config=replace(config or IncrementalConfig(), fit=settings.fit),
+            systematic_m=settings.fit.camera_systematic_m,
+            compare=_comparing(self._seen),
+        )
+
+    def __len__(self) -> int:
+        """Frames so far."""
+        return len(self._seen)
+
+    def add(
+        self, frame: RgbdFrame, hand: Hand | None = None, object_mask: BoolArray | None = None
+    ) -> FrameUpdate:
+        """Take in the next frame.
+
+        Args:
+            frame: later than the last one.
+            hand: the gripper at that time, where it is known.
+            object_mask: (H, W) the object in it, where that is known.
+
+        Raises:
+            TracksLost: no object is seen in the first frame; the next one is the first again.
+            ValueError: a stamp that does not grow.
+        """
+        seen = self._seen.watch(frame, hand, object_mask)
+        p_world = np.full((self._seen.points, 3), np.nan)
+        cov_world = np.full((*p_world.shape, 3), np.nan)
+        p_world[seen.pixels.index], cov_world[seen.pixels.index] = seen.p_world, seen.cov_world
+        return self._thinking.add(p_world, cov_world, frame.stamp_s)
+
+    def posterior(self) -> RecordingFit:
+        """What was seen and what it means: what `fit_recording` says of the same frames.
+
+        Raises:
+            TracksLost: nothing on the object could be followed and depth shows no motion.
+            NoMotionObserved: nothing moved beyond the noise.
+            AxisUnobservable: no moving kind can be fitted.
+        """
+        return self._seen.answer()
+
+
+def _comparing(seen: SeenSoFar) -> Compare:
+    """Compares the kinds by all that was seen, as it is when a comparison begins."""
+
+    def compare(snapshot: Snapshot) -> Steps[Comparison]:
+        numbers = seen.numbers
+        together = max(1, FRAMES_A_PIECE // numbers.size)
+        estimate = yield from _every(together, seen.estimate_in_steps())
+        fitted = _beside_the_clock(estimate.fitted)
+        frames = numbers[fitted.problem.keyframes]
+        counts = np.ones(frames.size, dtype=int)
+        return Comparison(fitted, estimate.members, frames, counts, snapshot.version)
+
+    return compare
+
+
+def _beside_the_clock(fitted: FittedKinds) -> FittedKinds:
+    """Without what binds the states of given frames by their times: others are going to come."""
+    problem = fitted.problem
+    sources = tuple(
+        replace(source, stamps_s=None, sigma_m_per_sqrt_s=None, sigma_m_per_s_three_halves=None)
+        if isinstance(source, StateKnowledge)
+        else source
+        for source in problem.sources
+    )
+    return replace(fitted, problem=replace(problem, sources=sources))
+
+
+def _every(count: int, steps: Steps[Result]) -> Generator[None, None, Result]:
+    """The same work with fewer pauses."""
+    done = 0
+    while True:
+        try:
+            next(steps)
+        except StopIteration as end:
+            result: Result = end.value
+            return result
+        done += 1
+        if done % count == 0:
+            yield
