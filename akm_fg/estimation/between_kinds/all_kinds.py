@@ -71,7 +71,8 @@ def fit_kinds(problem: FitProblem) -> Steps[tuple[list[KindFit], list[str]]]:
     if not moving:
         raise AxisUnobservable(f"{problem.name}: " + "; ".join(reasons))
     still = fit_rigid(problem)
-    yield
+    if len(problem.sources) > 1:  # of tracks alone it is no piece of its own
+        yield
     return [still, *moving], reasons
 
 

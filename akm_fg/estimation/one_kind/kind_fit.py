@@ -66,7 +66,7 @@ def kind_in_steps(
     previous: KindFit | None = None,
     effort: Effort = "full",
 ) -> Steps[KindFit]:
-    """`fit_kind`, with a pause after every round."""
+    """`fit_kind`, with a pause after every round; of tracks alone all are one short piece."""
     if guess.q.mean() < 0:  # what is known of states is counted as they grow
         guess = guess.turned()
         previous = None if previous is None else previous.pointing_forward()
@@ -86,7 +86,8 @@ def kind_in_steps(
         if _change(scales, new) < tolerance:
             break
         scales = new
-        yield
+        if len(terms) > 1:
+            yield
     return _laplace(read(values, variables, scales), terms, problem, freedom)
 
 
