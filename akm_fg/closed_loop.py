@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import logging
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from typing import Protocol
 
@@ -23,11 +23,12 @@ from scipy.special import ndtr
 from akm_fg.errors import GraspFailed, InsufficientData, MotionInfeasible, TracksLost
 from akm_fg.interfaces import Arm, Camera
 from akm_fg.io.recording_depth import as_stored
-from akm_fg.pipeline import fit_recording
 from akm_fg.planning.opening_path import HandLimits, plan_opening
-from akm_fg.posterior import JointPosterior, StatePosterior
+from akm_fg.posterior import JointPosterior
 from akm_fg.records import FloatArray, Recording, RgbdFrame, RoundSummary
 from akm_fg.stages import RecordingFit
+from akm_fg.stream.frame_stream import FrameStream, FrameUpdate
+from akm_fg.stream.seen_so_far import Hand
 from factors.joint import JointKind
 
 log = logging.getLogger(__name__)
@@ -65,7 +66,8 @@ class Episode:
     """What has happened so far; stays readable when it is interrupted."""
 
     looks: list[Look] = field(default_factory=list)
-    fit: RecordingFit | None = None
+    update: FrameUpdate | None = None  # with the last frame
+    fit: RecordingFit | None = None  # of the frames until the last decision
     rounds: list[RoundSummary] = field(default_factory=list)
     closed_loop_frame: int | None = None
     failure: str | None = None
@@ -98,8 +100,16 @@ class Task:
     target: dict[str, float]  # kind -> wanted state relative to the first frame, m or rad
 
 
-Modeller = Callable[[Recording], RecordingFit]
-"""The frames so far -> what was seen in them and what it means."""
+class Stream(Protocol):
+    """Takes frames in as they come, and says what they mean: see `akm_fg.stream.FrameStream`."""
+
+    def add(self, frame: RgbdFrame, hand: Hand | None = None) -> FrameUpdate:
+        """Take in the next frame."""
+        ...
+
+    def posterior(self) -> RecordingFit:
+        """What was seen so far, and what it means."""
+        ...
 
 
 class Observer(Protocol):
@@ -127,7 +137,7 @@ def run_episode(
     episode: Episode,
     observer: Observer,
     config: EpisodeConfig | None = None,
-    model: Modeller = fit_recording,
+    stream: Stream | None = None,
 ) -> None:
     """Grasp a given contact, pull, model, and drive the part to a target.
 
@@ -139,20 +149,41 @@ def run_episode(
             says in one line why the target was not reached.
         observer: is told of frames and stages.
         config: tuning.
-        model: makes a posterior of the frames so far.
+        stream: models the frames of the whole episode; with the defaults if not given.
     """
     config = config or EpisodeConfig()
-    watch = _Watch(arm, camera, episode, observer)
-    tick_s = config.pull_tick_s
+    watch = _Watch(arm, camera, stream or FrameStream(task.name), episode, observer)
+    commanded: float | None = None
     try:
         watch.show_the_arm()
         observer.stage("grasping the given contact")
-        watch.until_done(arm.grasp(task.T_world_grasp, tick_s), "grasp", looking=False)
+        grasp = arm.grasp(task.T_world_grasp, config.pull_tick_s)
+        watch.until_done(grasp, "grasp", looking=False)
         watch.look()
         observer.stage(f"pulling {100 * config.pull_m:.0f} cm")
-        watch.until_done(arm.pull(task.direction_world, config.pull_m, tick_s), "pull")
-        watch.look()
-        _drive(arm, watch, task, config, model)
+        watch.until_done(arm.pull(task.direction_world, config.pull_m, config.pull_tick_s), "pull")
+        for number in range(config.max_rounds + 1):
+            watch.look()
+            observer.stage(f"modelling {len(episode.looks)} frames")
+            joint, mean, sd = watch.joint_and_state()
+            wanted = _wanted(task, joint)
+            p = probability_within(mean, sd, wanted, config.tolerance(joint.kind))
+            episode.rounds.append(RoundSummary(commanded, mean, sd, p))
+            if p >= config.confidence:
+                return
+            if number == config.max_rounds:
+                break
+            if not arm.holding():
+                raise GraspFailed("the gripper lost the part")
+            observer.stage(f"moving to the target (round {number + 1})")
+            episode.closed_loop_frame = episode.closed_loop_frame or len(episode.looks)
+            path = plan_opening(joint, arm.T_world_gripper(), mean, wanted, config.limits)
+            watch.until_done(arm.follow(path, config.move_tick_s), "move")
+            commanded = wanted
+        episode.failure = (
+            f"not sure of the target after {config.max_rounds} rounds "
+            f"(probability {p:.2f} of being within tolerance)"
+        )
     except (GraspFailed, MotionInfeasible, InsufficientData) as error:
         episode.failure = str(error)
 
@@ -161,94 +192,72 @@ class _Watch:
     """Takes frames into an episode while motions run, and the time that both take."""
 
     def __init__(
-        self,
-        arm: Arm,
-        camera: Camera,
-        episode: Episode,
-        observer: Observer,
+        self, arm: Arm, camera: Camera, stream: Stream, episode: Episode, observer: Observer
     ) -> None:
-        self._arm, self._camera = arm, camera
-        self.episode, self.observer = episode, observer
+        self._arm, self._camera, self._stream = arm, camera, stream
+        self._episode, self._observer = episode, observer
 
     def look(self) -> None:
         """Take one frame, unless the last was taken at this very moment."""
         began = time.perf_counter()
         frame = as_stored(self._camera.capture())
         look = Look(frame, self._arm.T_world_gripper(), self._arm.holding())
-        looks = self.episode.looks
-        if not looks or frame.stamp_s > looks[-1].frame.stamp_s:
-            self.observer.looked(look)
+        looks = self._episode.looks
+        new = not looks or frame.stamp_s > looks[-1].frame.stamp_s
+        if new:
+            self._observer.looked(look)
             looks.append(look)
-        self.took("camera", began)
+        self._took("camera", began)
+        if new:
+            began = time.perf_counter()
+            hand = Hand(look.T_world_gripper, look.holding)
+            self._episode.update = self._stream.add(frame, hand)
+            self._took("model", began)
+
+    def joint_and_state(self) -> tuple[JointPosterior, float, float]:
+        """The joint as it is known now, and the part's state with its standard deviation.
+
+        Raises:
+            InsufficientData: the frames so far do not tell them.
+        """
+        began = time.perf_counter()
+        self._episode.fit = self._stream.posterior()
+        self._took("model", began)
+        best = self._episode.fit.posterior.best
+        if best.joint is None or best.states is None:
+            raise InsufficientData("the part was pulled, but the most probable answer is no motion")
+        mean, sd = float(best.states.mean[-1]), float(best.states.sd[-1])
+        if not np.isfinite(mean):
+            raise TracksLost("the part is not seen in the last frame")
+        return best.joint, mean, sd
 
     def show_the_arm(self) -> None:
         """One frame for the arm alone: what it has to keep clear of. The part is not moving yet."""
         began = time.perf_counter()
         self._arm.see(self._camera.capture())
-        self.took("camera", began)
+        self._took("camera", began)
 
     def until_done(self, motion: Iterator[None], stage: str, looking: bool = True) -> None:
         """Run a motion to its end, a frame at every tick."""
         began = time.perf_counter()
         while next(motion, _DONE) is not _DONE:
-            self.took(stage, began)
+            self._took(stage, began)
             if looking:
                 self.look()
             began = time.perf_counter()
-        self.took(stage, began)
+        self._took(stage, began)
 
-    def took(self, stage: str, began: float) -> None:
+    def _took(self, stage: str, began: float) -> None:
         """Account for the time since `began`."""
-        times = self.episode.time_s
+        times = self._episode.time_s
         times[stage] = times.get(stage, 0.0) + time.perf_counter() - began
 
 
 _DONE = object()
 
 
-def _drive(arm: Arm, watch: _Watch, task: Task, config: EpisodeConfig, model: Modeller) -> None:
-    """Rounds of fit, decide, move."""
-    episode, observer = watch.episode, watch.observer
-    commanded: float | None = None
-    for number in range(config.max_rounds + 1):
-        observer.stage(f"modelling {len(episode.looks)} frames")
-        began = time.perf_counter()
-        episode.fit = model(episode.recording(task.name))
-        watch.took("model", began)
-        joint, states = _joint_of(episode.fit)
-        if joint.kind not in task.target:
-            raise InsufficientData(f"the joint seems {joint.kind}, for which no target is given")
-        wanted, tolerance = task.target[joint.kind], config.tolerance(joint.kind)
-        mean, sd = _last_state(states)
-        p = probability_within(mean, sd, wanted, tolerance)
-        episode.rounds.append(RoundSummary(commanded, mean, sd, p))
-        if p >= config.confidence:
-            return
-        if number == config.max_rounds:
-            break
-        if not arm.holding():
-            raise GraspFailed("the gripper lost the part")
-        observer.stage(f"moving to the target (round {number + 1})")
-        episode.closed_loop_frame = episode.closed_loop_frame or len(episode.looks)
-        path = plan_opening(joint, arm.T_world_gripper(), mean, wanted, config.limits)
-        watch.until_done(arm.follow(path, config.move_tick_s), "move")
-        watch.look()
-        commanded = wanted
-    last = episode.rounds[-1]
-    episode.failure = (
-        f"not sure of the target after {config.max_rounds} rounds "
-        f"(probability {last.p_within_tolerance:.2f} of being within tolerance)"
-    )
-
-
-def _joint_of(fit: RecordingFit) -> tuple[JointPosterior, StatePosterior]:
-    best = fit.posterior.best
-    if best.joint is None or best.states is None:
-        raise InsufficientData("the part was pulled, but the most probable answer is no motion")
-    return best.joint, best.states
-
-
-def _last_state(states: StatePosterior) -> tuple[float, float]:
-    if not np.isfinite(states.mean[-1]):
-        raise TracksLost("the part is not seen in the last frame")
-    return float(states.mean[-1]), float(states.sd[-1])
+def _wanted(task: Task, joint: JointPosterior) -> float:
+    """The target of this kind of joint."""
+    if joint.kind not in task.target:
+        raise InsufficientData(f"the joint seems {joint.kind}, for which no target is given")
+    return task.target[joint.kind]

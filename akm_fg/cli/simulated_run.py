@@ -7,7 +7,6 @@ import sys
 import time
 from contextlib import AbstractContextManager
 from dataclasses import dataclass
-from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -19,10 +18,10 @@ from akm_fg.closed_loop import Episode, Look, Observer, Task, run_episode
 from akm_fg.config import AkmConfig
 from akm_fg.errors import GraspFailed
 from akm_fg.io.recording_writer import RecordingWriter
-from akm_fg.pipeline import fit_recording
 from akm_fg.records import JointTruth
 from akm_fg.report.summary import ArmRecord, Goal, PartTracks, RunSummary
-from akm_fg.stages import Stages
+from akm_fg.stages import ModelSettings, Stages
+from akm_fg.stream.frame_stream import FrameStream
 from factors.joint import JointKind
 from sim.episode import SimEpisode, open_world
 from sim.robot.slip import SlipGauge
@@ -118,19 +117,15 @@ def run_in_simulator(
     thing = request.object
     name = f"{thing.title}, seed {request.seed}"
     config, recording = request.config, request.folder / RECORDING
-    model = partial(
-        fit_recording,
-        perception=config.perception,
-        fit_config=config.fit,
-        stages=request.stages,
-    )
+    settings = ModelSettings(config.perception, config.fit)
     with _opened(request) as world, RecordingWriter(recording) as writer:
         reporter = _Reporter(writer, world, observer)
         # The recording's name is what `akm-fg fit` calls it, so that the posteriors are the same.
         contact = world.T_world_grasp, world.pull_direction_world
         task = Task(str(recording), *contact, request.target)
         try:
-            run_episode(world.arm, world.camera, task, episode, reporter, config.episode, model)
+            stream = FrameStream(task.name, settings, request.stages)
+            run_episode(world.arm, world.camera, task, episode, reporter, config.episode, stream)
         except KeyboardInterrupt:
             interrupted = True
             episode.failure = "interrupted"

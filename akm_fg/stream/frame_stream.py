@@ -23,6 +23,8 @@ from akm_fg.stages import ModelSettings, RecordingFit, Stages
 from akm_fg.steps import Result, Steps
 from akm_fg.stream.seen_so_far import Hand, SeenSoFar
 
+__all__ = ["FrameStream", "FrameUpdate"]
+
 FRAMES_A_PIECE = 20  # of fewer frames, several pieces of a comparison cost what one of so many does
 
 
@@ -53,10 +55,6 @@ class FrameStream:
             systematic_m=settings.fit.camera_systematic_m,
             compare=_comparing(self._seen),
         )
-
-    def __len__(self) -> int:
-        """Frames so far."""
-        return len(self._seen)
 
     def add(
         self, frame: RgbdFrame, hand: Hand | None = None, object_mask: BoolArray | None = None

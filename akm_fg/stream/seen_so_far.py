@@ -55,7 +55,8 @@ class SeenSoFar:
         self._grasp: tuple[int, int] | None = None  # first stretch of frames in which it holds
         self._watching_s = 0.0
 
-    def __len__(self) -> int:
+    @property
+    def frames(self) -> int:
         """Frames so far."""
         return len(self._observer.store)
 
@@ -82,7 +83,7 @@ class SeenSoFar:
         Raises:
             TracksLost: no object is seen in the first frame; the next one is the first again.
         """
-        began, number = time.perf_counter(), len(self)
+        began, number = time.perf_counter(), self.frames
         first, last = (number, number - 1) if self._grasp is None else self._grasp
         held = hand is not None and hand.holding and last == number - 1
         at = hand.T_world_gripper.translation() if held and hand is not None else None
@@ -126,7 +127,7 @@ class SeenSoFar:
         """By the default estimator; frames that are not kept get their states beside the graph."""
         estimate = to_end(self.estimate_in_steps())
         numbers, store = self.numbers, self._observer.store
-        if numbers.size == len(self):
+        if numbers.size == self.frames:
             return RecordingFit(estimate.observed, estimate.posterior())
         points = store.point_tracks().select(estimate.members)
         estimate = replace(estimate, fitted=estimate.fitted.over_frames(points, numbers))
@@ -136,9 +137,9 @@ class SeenSoFar:
         """By another estimator; frames that are not kept have no state."""
         clip, numbers = self._clip(), self.numbers
         fit = estimator(clip, self._observer.observed(numbers), self._settings_of(clip))
-        if numbers.size == len(self):
+        if numbers.size == self.frames:
             return fit
-        posterior = fit.posterior.over_frames(numbers, len(self))
+        posterior = fit.posterior.over_frames(numbers, self.frames)
         return RecordingFit(self._of_all_frames(fit.observed), posterior)
 
     def _of_all_frames(self, observed: ObservedMotion) -> ObservedMotion:

@@ -82,11 +82,23 @@ class Quiet:
         self.stages.append(words)
 
 
+class PaperStream:
+    """Counts frames, and says of so many what `fit` says."""
+
+    def __init__(self, fit):
+        self.frames, self.fit = [], fit
+
+    def add(self, frame, hand=None):
+        self.frames.append(frame)
+
+    def posterior(self):
+        return self.fit(len(self.frames))
+
+
 @pytest.fixture
 def run():
-    def _run(world, target=0.2, state_sd=0.001, kind="prismatic", model=None):
-        def fit(recording):
-            n = len(recording.frames)
+    def _run(world, target=0.2, state_sd=0.001, kind="prismatic", fit=None):
+        def known(n):
             mean, sd = np.full(n, world.state), np.full(n, state_sd)
             joint = JointPosterior(Joint(kind, np.eye(4), 0.0), np.eye(6) * 1e-6)
             best = KindPosterior(joint, StatePosterior("m", mean, sd), Evidence(0.0, 0.0, 0.0, 0.0))
@@ -96,7 +108,7 @@ def run():
 
         episode, observer = Episode(), Quiet()
         task = Task("x", gtsam.Pose3(), np.array([0.0, 0.0, 1.0]), {"prismatic": target})
-        run_episode(world, world, task, episode, observer, EpisodeConfig(), model or fit)
+        run_episode(world, world, task, episode, observer, EpisodeConfig(), PaperStream(fit or known))
         return episode, observer
 
     return _run
@@ -149,10 +161,10 @@ def test_a_kind_without_a_target_is_a_failure_not_a_crash(run):
 
 
 def test_no_motion_is_told(run):
-    def fit(recording):
+    def fit(frames):
         raise NoMotionObserved("x: nothing moved")
 
-    episode, _ = run(PaperDrawer(), model=fit)
+    episode, _ = run(PaperDrawer(), fit=fit)
     assert episode.failure == "x: nothing moved"
 
 
