@@ -108,7 +108,8 @@ def run():
 
         episode, observer = Episode(), Quiet()
         task = Task("x", gtsam.Pose3(), np.array([0.0, 0.0, 1.0]), {"prismatic": target})
-        run_episode(world, world, task, episode, observer, EpisodeConfig(), PaperStream(fit or known))
+        stream = PaperStream(fit or known)
+        run_episode(world, world, task, episode, observer, EpisodeConfig(), stream)
         return episode, observer
 
     return _run
