@@ -13,19 +13,25 @@ from dataclasses import replace
 
 import numpy as np
 
+from akm_fg.errors import InsufficientData
 from akm_fg.estimation.between_kinds.weighed_kinds import FittedKinds
 from akm_fg.estimation.sources.state_knowledge import StateKnowledge
 from akm_fg.estimation.stream.incremental import IncrementalFit
 from akm_fg.estimation.stream.kind_comparison import Compare, Comparison, Snapshot
+from akm_fg.estimation.stream.leading_kind import LeadingKind
 from akm_fg.estimation.stream.stream_records import FrameUpdate, IncrementalConfig
 from akm_fg.records import BoolArray, RgbdFrame
 from akm_fg.stages import ModelSettings, RecordingFit, Stages
 from akm_fg.steps import Result, Steps
 from akm_fg.stream.seen_so_far import Hand, SeenSoFar
+from akm_fg.stream.surface_state import HeldSurface, SurfaceStateConfig
 
 __all__ = ["FrameStream", "FrameUpdate"]
 
+STREAM = IncrementalConfig(pieces_to_solve=2)  # a comparison with surfaces has fifty pieces
+SURFACE_STATE = SurfaceStateConfig()
 FRAMES_A_PIECE = 20  # of fewer frames, several pieces of a comparison cost what one of so many does
+LEAST_FRAMES = 10  # before depth is asked where tracks show no motion: it takes as many pieces
 
 
 class FrameStream:
@@ -51,10 +57,13 @@ class FrameStream:
         self._thinking = IncrementalFit(
             name,
             seed=settings.seed,
-            config=replace(config or IncrementalConfig(), fit=settings.fit),
+            config=replace(config or STREAM, fit=settings.fit),
             systematic_m=settings.fit.camera_systematic_m,
             compare=_comparing(self._seen),
         )
+        self._lead: LeadingKind | None = None  # that the surface below is of
+        self._surface: HeldSurface | None = None
+        self._state = 0.0  # where to look for it
 
     def add(
         self, frame: RgbdFrame, hand: Hand | None = None, object_mask: BoolArray | None = None
@@ -74,7 +83,25 @@ class FrameStream:
         p_world = np.full((self._seen.points, 3), np.nan)
         cov_world = np.full((*p_world.shape, 3), np.nan)
         p_world[seen.pixels.index], cov_world[seen.pixels.index] = seen.p_world, seen.cov_world
-        return self._thinking.add(p_world, cov_world, frame.stamp_s)
+        update = self._thinking.add(p_world, cov_world, frame.stamp_s)
+        return update if update.state is not None else self._by_surface(update, frame)
+
+    def _by_surface(self, update: FrameUpdate, frame: RgbdFrame) -> FrameUpdate:
+        """With the state that the part's surface tells, where tracks tell none."""
+        lead = self._thinking.lead
+        if lead is None:
+            return update
+        if lead is not self._lead:
+            self._lead, self._surface = lead, HeldSurface.of(lead, SURFACE_STATE)
+            self._state = float(lead.fit.q[-1])
+        if self._surface is None:
+            return update
+        noise = self._seen.settings.perception.observe.noise
+        found = self._surface.state(frame, noise, self._state, SURFACE_STATE)
+        if found is None:
+            return update
+        self._state = found[0]
+        return replace(update, state=found[0], state_sd=found[1])
 
     def posterior(self) -> RecordingFit:
         """What was seen and what it means: what `fit_recording` says of the same frames.
@@ -88,16 +115,27 @@ class FrameStream:
 
 
 def _comparing(seen: SeenSoFar) -> Compare:
-    """Compares the kinds by all that was seen, as it is when a comparison begins."""
+    """Compares the kinds by all that was seen, as it is when a comparison begins.
+
+    As long as none leads, by the tracks alone first: that takes a few frames, the surface many.
+    """
 
     def compare(snapshot: Snapshot) -> Steps[Comparison]:
-        numbers = seen.numbers
+        numbers, soon = seen.numbers, not snapshot.led
         together = max(1, FRAMES_A_PIECE // numbers.size)
-        estimate = yield from _every(together, seen.estimate_in_steps())
+        if soon:
+            try:
+                estimate = yield from _every(together, seen.estimate_in_steps("tracks"))
+            except InsufficientData:  # depth may show what tracks do not
+                if numbers.size < LEAST_FRAMES:
+                    raise
+                numbers, soon = seen.numbers, False
+        if not soon:
+            estimate = yield from _every(together, seen.estimate_in_steps())
         fitted = _beside_the_clock(estimate.fitted)
         frames = numbers[fitted.problem.keyframes]
         counts = np.ones(frames.size, dtype=int)
-        return Comparison(fitted, estimate.members, frames, counts, snapshot.version)
+        return Comparison(fitted, estimate.members, frames, counts, snapshot.version, not soon)
 
     return compare
 

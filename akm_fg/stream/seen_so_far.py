@@ -18,7 +18,7 @@ from akm_fg.perception.observe import MotionObserver
 from akm_fg.perception.observed import ObservedMotion
 from akm_fg.perception.tracking.track_store import SeenPoints
 from akm_fg.records import BoolArray, Recording, RgbdFrame
-from akm_fg.stages import JointEstimator, ModelSettings, RecordingFit, Stages
+from akm_fg.stages import JointEstimator, ModelSettings, RecordingFit, Sources, Stages
 from akm_fg.steps import Steps, to_end
 from akm_fg.stream.joint_estimate import JointEstimate, estimate_in_steps
 
@@ -94,14 +94,18 @@ class SeenSoFar:
         self._watching_s += time.perf_counter() - began
         return seen
 
-    def estimate_in_steps(self) -> Steps[JointEstimate]:
+    def estimate_in_steps(self, sources: Sources | None = None) -> Steps[JointEstimate]:
         """The joint from what was seen until the first step, over the frames that are kept.
+
+        Args:
+            sources: what is asked; as the settings say if not given.
 
         Raises:
             InsufficientData: see `answer`.
         """
         clip, numbers = self._clip(), self.numbers
         settings = self._settings_of(clip)
+        settings = replace(settings, sources=sources or settings.sources)
         observed = yield from self._observer.observed_in_steps(numbers)
         yield
         return (yield from estimate_in_steps(clip, observed, settings))

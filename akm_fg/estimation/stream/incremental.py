@@ -80,10 +80,15 @@ class IncrementalFit:
         self._states: dict[int, float] = {}  # of the keyframes, under the leading kind
         self._solved_total = self._compared_total = 0
         self._to_solve = False  # the leading kind has not seen all keyframes yet
-        self._just_solved = False  # in the last frame: comparing has its turn
+        self._pieces = 0  # of comparing since the leading kind was solved on: they take turns
         self._comparing: Steps[Comparison] | None = None
         self._compared: Comparison | None = None
         self._warning: str | None = None
+
+    @property
+    def lead(self) -> LeadingKind | None:
+        """The moving kind that explains the stream best so far, as it was solved last."""
+        return self._lead
 
     @property
     def keyframes(self) -> tuple[int, ...]:
@@ -252,11 +257,12 @@ class IncrementalFit:
                 self._comparing = self._compare(self._snapshot())
         grown = total > (1 + config.growth_to_solve) * self._solved_total
         self._to_solve |= is_keyframe or (grown and self._comparing is None)
-        compare = self._comparing is not None and (self._just_solved or not self._to_solve)
-        self._just_solved = self._to_solve and self._lead is not None and not compare
-        if self._just_solved:
+        its_turn = self._comparing is None or self._pieces >= config.pieces_to_solve
+        if self._to_solve and self._lead is not None and its_turn:
+            self._pieces = 0
             return self._solved_on(number)
         if self._comparing is not None:
+            self._pieces += 1
             self._compare_on(self._comparing)
         return None
 
@@ -270,7 +276,11 @@ class IncrementalFit:
             self._comparing, self._warning = None, str(error)
 
     def _publish(self, compared: Comparison) -> None:
-        self._comparing, self._compared, self._warning = None, compared, None
+        self._comparing, self._warning = None, None
+        if compared.whole:
+            self._compared = compared
+        else:
+            self._compared_total = 0  # the whole of it is due at once
         self._lead = LeadingKind.of(compared)
         self._states = {}
         if self._lead is not None:
@@ -284,6 +294,7 @@ class IncrementalFit:
             keyframes.numbers,
             np.array(keyframes.counts),
             self._version,
+            self._lead is not None,
         )
 
     def _update(

@@ -44,6 +44,7 @@ class Snapshot:
     numbers: NDArray[np.int_]  # (K,) of the frames
     counts: NDArray[np.int_]  # (K,) frames pooled into each
     version: int
+    led: bool = True  # whether a kind leads already; else one that is found soon helps
 
 
 Compare: TypeAlias = "Callable[[Snapshot], Steps[Comparison]]"
@@ -59,6 +60,7 @@ class Comparison:
     numbers: NDArray[np.int_]  # (K,) of the graph's frames
     counts: NDArray[np.int_]  # (K,)
     version: int
+    whole: bool = True  # False: by a part of what is known; it may lead, but names no kind
 
     def posterior(self) -> ArticulationPosterior:
         """The answer, with the states of pooled keyframes as uncertain as they are.

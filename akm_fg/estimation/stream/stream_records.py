@@ -19,6 +19,7 @@ class IncrementalConfig:
     noise_floor: float = 2.5  # deviations of noise within which two places are one; beyond: 1e-7
     resting_keyframes: int = 10  # in one place until a motion is named: rest is told by many
     growth_to_solve: float = 0.05  # share of new frames after which the leading kind is solved on
+    pieces_to_solve: int = 1  # of a comparison that is under way, between two times of solving on
     growth_to_compare: float = 0.15  # and after which all kinds are compared again
 
 
