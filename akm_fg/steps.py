@@ -17,3 +17,17 @@ def to_end(steps: Steps[Result]) -> Result:
         except StopIteration as end:
             result: Result = end.value
             return result
+
+
+def every(count: int, steps: Steps[Result]) -> Steps[Result]:
+    """The same work with a pause after so many pieces only."""
+    done = 0
+    while True:
+        try:
+            next(steps)
+        except StopIteration as end:
+            result: Result = end.value
+            return result
+        done += 1
+        if done % count == 0:
+            yield

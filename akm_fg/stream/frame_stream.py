@@ -8,7 +8,6 @@ recording of the same frames is fitted. `posterior` does at once what is left to
 
 from __future__ import annotations
 
-from collections.abc import Generator
 from dataclasses import replace
 
 import numpy as np
@@ -17,12 +16,12 @@ from akm_fg.errors import InsufficientData
 from akm_fg.estimation.between_kinds.weighed_kinds import FittedKinds
 from akm_fg.estimation.sources.state_knowledge import StateKnowledge
 from akm_fg.estimation.stream.incremental import IncrementalFit
-from akm_fg.estimation.stream.kind_comparison import Compare, Comparison, Snapshot
+from akm_fg.estimation.stream.kind_comparison import Compare, Comparison
 from akm_fg.estimation.stream.leading_kind import LeadingKind
 from akm_fg.estimation.stream.stream_records import FrameUpdate, IncrementalConfig
 from akm_fg.records import BoolArray, RgbdFrame
 from akm_fg.stages import ModelSettings, RecordingFit, Stages
-from akm_fg.steps import Result, Steps
+from akm_fg.steps import Steps, every
 from akm_fg.stream.seen_so_far import Hand, SeenSoFar
 from akm_fg.stream.surface_state import HeldSurface, SurfaceStateConfig
 
@@ -120,22 +119,22 @@ def _comparing(seen: SeenSoFar) -> Compare:
     As long as none leads, by the tracks alone first: that takes a few frames, the surface many.
     """
 
-    def compare(snapshot: Snapshot) -> Steps[Comparison]:
-        numbers, soon = seen.numbers, not snapshot.led
+    def compare(led: bool) -> Steps[Comparison]:
+        numbers, soon = seen.numbers, not led
         together = max(1, FRAMES_A_PIECE // numbers.size)
         if soon:
             try:
-                estimate = yield from _every(together, seen.estimate_in_steps("tracks"))
+                estimate = yield from every(together, seen.estimate_in_steps("tracks"))
             except InsufficientData:  # depth may show what tracks do not
                 if numbers.size < LEAST_FRAMES:
                     raise
                 numbers, soon = seen.numbers, False
         if not soon:
-            estimate = yield from _every(together, seen.estimate_in_steps())
+            estimate = yield from every(together, seen.estimate_in_steps())
         fitted = _beside_the_clock(estimate.fitted)
         frames = numbers[fitted.problem.keyframes]
         counts = np.ones(frames.size, dtype=int)
-        return Comparison(fitted, estimate.members, frames, counts, snapshot.version, not soon)
+        return Comparison(fitted, estimate.members, frames, counts, None, not soon)
 
     return compare
 
@@ -150,17 +149,3 @@ def _beside_the_clock(fitted: FittedKinds) -> FittedKinds:
         for source in problem.sources
     )
     return replace(fitted, problem=replace(problem, sources=sources))
-
-
-def _every(count: int, steps: Steps[Result]) -> Generator[None, None, Result]:
-    """The same work with fewer pauses."""
-    done = 0
-    while True:
-        try:
-            next(steps)
-        except StopIteration as end:
-            result: Result = end.value
-            return result
-        done += 1
-        if done % count == 0:
-            yield

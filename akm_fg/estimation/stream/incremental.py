@@ -11,8 +11,6 @@ pieces of work: where both are due, solving on and comparing take turns.
 
 from __future__ import annotations
 
-from functools import partial
-
 import numpy as np
 
 from akm_fg.errors import InsufficientData, TracksLost
@@ -70,10 +68,8 @@ class IncrementalFit:
         self._keyframes = Keyframes(
             config.max_keyframes, config.max_pooled, config.fit.rigid_motion.inlier_sigmas
         )
-        self._name = name
-        settings = StreamSettings(name, noise_known, seed, systematic_m, config.fit)
-        self._compare: Compare = compare or partial(compare_kinds, settings=settings)
-        self._by_keyframes = compare is None  # else all frames may tell more
+        self._settings = StreamSettings(name, noise_known, seed, systematic_m, config.fit)
+        self._given = compare
         self._tracks = StreamTracks(config.max_tracks)
         self._version = 0  # of the keyframes
         self._lead: LeadingKind | None = None
@@ -103,7 +99,7 @@ class IncrementalFit:
             TracksLost: no frame has been seen yet.
         """
         if not self._keyframes.frames:
-            raise TracksLost(f"{self._name}: no frame with {MIN_POINTS} tracks yet")
+            raise TracksLost(f"{self._settings.name}: no frame with {MIN_POINTS} tracks yet")
         return self._keyframes.tracks()
 
     def add(
@@ -138,7 +134,7 @@ class IncrementalFit:
         """
         with one_blas_thread():
             if self._compared is None or self._compared.version != self._version:
-                self._publish(to_end(self._compare(self._snapshot())))
+                self._publish(to_end(self._comparison()))
         assert self._compared is not None
         return self._compared.posterior()
 
@@ -250,15 +246,18 @@ class IncrementalFit:
         """
         total, config = self._keyframes.total, self._config
         if self._comparing is None:
-            comparable = total if self._by_keyframes else number + 1
+            own = self._given is None  # else every frame may tell more
+            comparable = total if own else number + 1
+            places = len(self._keyframes.frames) if own else number + 1
             due = comparable > (1 + config.growth_to_compare) * self._compared_total
-            if len(self._keyframes.frames) > 1 and (due or (is_keyframe and self._lead is None)):
+            if places > 1 and (due or (is_keyframe and self._lead is None)):
                 self._compared_total = comparable
-                self._comparing = self._compare(self._snapshot())
+                self._comparing = self._comparison()
         grown = total > (1 + config.growth_to_solve) * self._solved_total
         self._to_solve |= is_keyframe or (grown and self._comparing is None)
         its_turn = self._comparing is None or self._pieces >= config.pieces_to_solve
-        if self._to_solve and self._lead is not None and its_turn:
+        followed = self._lead is not None and self._lead.ids.size >= MIN_POINTS
+        if self._to_solve and followed and its_turn:
             self._pieces = 0
             return self._solved_on(number)
         if self._comparing is not None:
@@ -286,6 +285,12 @@ class IncrementalFit:
         if self._lead is not None:
             self._states = self._lead.states(self._keyframes, self._tracks.ids)
 
+    def _comparison(self) -> Steps[Comparison]:
+        """A comparison that begins now."""
+        if self._given is not None:
+            return self._given(self._lead is not None)
+        return compare_kinds(self._snapshot(), self._settings)
+
     def _snapshot(self) -> Snapshot:
         keyframes = self._keyframes
         return Snapshot(
@@ -294,7 +299,6 @@ class IncrementalFit:
             keyframes.numbers,
             np.array(keyframes.counts),
             self._version,
-            self._lead is not None,
         )
 
     def _update(

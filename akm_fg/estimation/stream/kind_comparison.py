@@ -19,9 +19,11 @@ from akm_fg.estimation.one_kind.laplace import KindFit
 from akm_fg.geometry.rigid_motion import MIN_POINTS
 from akm_fg.posterior import ArticulationPosterior, KindPosterior
 from akm_fg.records import FloatArray, PointTracks
-from akm_fg.steps import Steps
+from akm_fg.steps import Steps, every
 from factors.measurements.track_cost import TrackObservations
 from factors.measurements.track_information import state_step
+
+_PIECES = 2  # of tracks alone, that are done in one frame: tracks end while kinds are compared
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,11 +46,10 @@ class Snapshot:
     numbers: NDArray[np.int_]  # (K,) of the frames
     counts: NDArray[np.int_]  # (K,) frames pooled into each
     version: int
-    led: bool = True  # whether a kind leads already; else one that is found soon helps
 
 
-Compare: TypeAlias = "Callable[[Snapshot], Steps[Comparison]]"
-"""Fits all kinds to what is known at the moment of a snapshot, in steps."""
+Compare: TypeAlias = "Callable[[bool], Steps[Comparison]]"
+"""Whether a kind leads already -> all kinds, fitted in steps to what is known when it begins."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,7 +60,7 @@ class Comparison:
     ids: NDArray[np.int_]  # (M,) of the part's tracks
     numbers: NDArray[np.int_]  # (K,) of the graph's frames
     counts: NDArray[np.int_]  # (K,)
-    version: int
+    version: int | None  # of the snapshot, if it was one
     whole: bool = True  # False: by a part of what is known; it may lead, but names no kind
 
     def posterior(self) -> ArticulationPosterior:
@@ -100,7 +101,7 @@ def compare_kinds(snapshot: Snapshot, settings: StreamSettings) -> Steps[Compari
     yield
     source = replace(problem.tracks, systematic_m=settings.systematic_m)
     problem = problem.with_source(source)
-    fitted = yield from fit_in_steps(problem, began)
+    fitted = yield from every(_PIECES, fit_in_steps(problem, began))
     k = problem.keyframes
     return Comparison(
         fitted,
