@@ -1,4 +1,4 @@
-"""A stream of frames: the answer of the recording, on the way what is known, and no frame undone."""
+"""A stream of frames: the recording's answer, what is known on the way, and no frame undone."""
 
 from dataclasses import replace
 
