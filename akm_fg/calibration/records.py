@@ -164,13 +164,3 @@ class HandEyeCalibration:
         """Root mean square of all corners' errors."""
         lengths2 = np.concatenate([(view.error_px**2).sum(axis=1) for view in self.views])
         return float(np.sqrt(lengths2.mean()))
-
-    @property
-    def cam_sd_m(self) -> float:
-        """Standard deviation of the camera's place: root of the summed variances."""
-        return float(np.sqrt(np.trace(self.T_mount_cam_cov[3:, 3:])))
-
-    @property
-    def cam_sd_rad(self) -> float:
-        """Standard deviation of the camera's turn: root of the summed variances."""
-        return float(np.sqrt(np.trace(self.T_mount_cam_cov[:3, :3])))
