@@ -159,7 +159,7 @@ class IncrementalFit:
             q = np.array([self._states.get(n, np.inf) for n in keyframes.numbers.tolist()])
             distance = lead.lever_m * np.abs(q - state[0])
             noise = np.full(q.size, lead.lever_m * state[1])
-        place = self._place(distance, noise)
+        place = keyframes.place_of(distance, noise, self._moves(), self._config)
         if place is None:
             keyframes.add(frame, distance, self._motion, scale)
         else:
@@ -169,26 +169,6 @@ class IncrementalFit:
         self._states = {n: q for n, q in self._states.items() if n in kept}
         self._version += 1
         return state, place is None
-
-    def _place(self, distance_m: FloatArray, noise_m: FloatArray) -> int | None:
-        """The keyframe that a frame is pooled into; None where it becomes one itself.
-
-        Args:
-            distance_m: (K,) from the keyframes.
-            noise_m: (K,) their standard deviations.
-        """
-        if distance_m.size == 1:
-            return None
-        counts = np.array(self._keyframes.counts[1:])
-        near = distance_m[1:] <= self._config.noise_floor * noise_m[1:]
-        full = distance_m.size == self._config.max_keyframes
-        if not self._moves() and near.any():
-            if near.sum() < self._config.resting_keyframes and not full:
-                return None
-            return 1 + int(np.argmin(np.where(near, counts, counts.max() + 1)))
-        nearest = 1 + int(np.argmin(distance_m[1:]))
-        closer = full and distance_m[nearest] <= self._keyframes.least_distance_m()
-        return nearest if near[nearest - 1] or closer else None
 
     def _moves(self) -> bool:
         """Whether a kind of motion has been named: then states tell places apart.

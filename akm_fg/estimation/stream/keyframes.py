@@ -17,6 +17,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from akm_fg.estimation.stream.stream_records import IncrementalConfig
 from akm_fg.geometry.rigid_motion import MIN_POINTS, procrustes
 from akm_fg.records import BoolArray, FloatArray, PointTracks
 
@@ -133,6 +134,30 @@ class Keyframes:
         self._distance_m = grown
         self.frames.append(frame)
         self.counts.append(1)
+
+    def place_of(
+        self, distance_m: FloatArray, noise_m: FloatArray, moves: bool, config: IncrementalConfig
+    ) -> int | None:
+        """The keyframe that a frame is pooled into; None where it becomes one itself.
+
+        Args:
+            distance_m: (K,) from the keyframes.
+            noise_m: (K,) their standard deviations.
+            moves: whether states tell places apart; else the frames of a place are shared out.
+            config: how far apart places are, and how many frames one may have.
+        """
+        if distance_m.size == 1:
+            return None
+        counts = np.array(self.counts[1:])
+        near = distance_m[1:] <= config.noise_floor * noise_m[1:]
+        full = distance_m.size == self.most
+        if not moves and near.any():
+            if near.sum() < config.resting_keyframes and not full:
+                return None
+            return 1 + int(np.argmin(np.where(near, counts, counts.max() + 1)))
+        nearest = 1 + int(np.argmin(distance_m[1:]))
+        closer = full and distance_m[nearest] <= self.least_distance_m()
+        return nearest if near[nearest - 1] or closer else None
 
     def least_distance_m(self) -> float:
         """Between any two keyframes that may be merged."""
