@@ -8,8 +8,10 @@ from scipy import stats
 from akm_fg.posterior import (
     ArticulationPosterior,
     Evidence,
+    FitReport,
     JointPosterior,
     KindPosterior,
+    StatePosterior,
     normal_bound,
     radius_quantile,
 )
@@ -89,3 +91,19 @@ def test_best_is_the_most_probable_kind_even_where_none_is_named():
         fit=None,  # plays no part
     )
     assert posterior.best is alternatives["prismatic"]
+
+
+def test_an_answer_of_some_frames_knows_nothing_of_the_others():
+    states = StatePosterior("rad", np.array([0.0, 0.1, 0.3]), np.array([0.0, 0.01, 0.02]))
+    best = KindPosterior(_joint(), states, _evidence(0.0))
+    rigid = KindPosterior(None, None, _evidence(-9.0))
+    report = FitReport(0, 1, 0, 0, 1, 1, 1, True, keyframes_registered=(0, 2), holds=((1, 2),))
+    alternatives = {"rigid": rigid, "revolute": best}
+    some = ArticulationPosterior("x", "revolute", {"revolute": 1.0}, alternatives, report)
+    of_all = some.over_frames(np.array([0, 2, 5]), 6)
+    mean = of_all.best.states.mean
+    np.testing.assert_array_equal(np.isfinite(mean), [1, 0, 1, 0, 0, 1])
+    assert_allclose(mean[[0, 2, 5]], states.mean)
+    assert_allclose(of_all.best.states.sd[[0, 2, 5]], states.sd)
+    assert of_all.alternatives["rigid"] is not None and of_all.best.joint is best.joint
+    assert of_all.fit.keyframes_registered == (0, 5) and of_all.fit.holds == ((2, 5),)

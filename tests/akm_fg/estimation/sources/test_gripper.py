@@ -225,6 +225,16 @@ def test_a_hold_needs_two_frames_of_the_graph():
     assert held.count_as_one == GraspConfig().frames_as_one / 2
 
 
+def test_in_another_graph_the_holds_keep_their_frames():
+    poses = np.tile(np.eye(4), (3, 1, 1))
+    holds = Hold(np.array([1, 2]), poses[:2]), Hold(np.array([4, 5]), poses[1:])
+    source = GripperSource(holds, GraspConfig(), 1.0)
+    np.testing.assert_array_equal(source.own_frames, [1, 2, 4, 5])
+    there = source.moved(np.array([0, 2, 3, -1, 7, 8]))  # others came in; frame 3 is gone
+    np.testing.assert_array_equal(there.own_frames, [2, 3, 7, 8])
+    assert there.holds[1].T_world_gripper is holds[1].T_world_gripper
+
+
 def test_a_noisy_state_does_not_look_like_a_slip(opening):
     """The states' own noise is added to the grasps' when slips are looked for."""
     rng, q = np.random.default_rng(0), np.linspace(0.0, 0.5, 30)

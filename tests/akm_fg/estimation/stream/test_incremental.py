@@ -13,6 +13,7 @@ from akm_fg.errors import InsufficientData, TracksLost
 from akm_fg.estimation.config import FitConfig
 from akm_fg.estimation.fit import fit_tracks
 from akm_fg.estimation.stream.incremental import IncrementalConfig, IncrementalFit
+from akm_fg.estimation.stream.kind_comparison import Snapshot, StreamSettings, compare_kinds
 from akm_fg.geometry.rigid_motion import RigidMotionConfig
 from akm_fg.records import PointTracks
 
@@ -316,6 +317,41 @@ def test_what_is_kept_stays_the_same_size(stream):
         assert gone() is None
     finally:
         gc.enable()
+
+
+def test_a_frame_without_time_to_think_is_taken_in_and_thought_over_later(opening):
+    truth = opening(3, "revolute", frames=40)
+    fit, kinds = IncrementalFit(), []
+    for t in range(40):
+        frame = truth.tracks.p_world[t], truth.tracks.cov_world[t]
+        update = fit.add(*frame, think=t % 2 == 0)
+        kinds.append(update.kind)
+    assert "undecided" in kinds[:5] and kinds[-1] == "revolute"
+    changed = np.flatnonzero(np.array(kinds[1:]) != np.array(kinds[:-1])) + 1
+    assert (changed % 2 == 0).all()
+    assert abs(update.state - truth.q[-1]) < 5 * update.state_sd
+
+
+def test_who_compares_may_be_handed_in_and_asks_for_more_at_once(opening):
+    """First by a part of what is known, then by the whole; and the frames are its own."""
+    truth, asked = opening(4, "prismatic", frames=30), []
+    settings = StreamSettings("given", True, 0, 0.0, FitConfig())
+
+    def compare(led):
+        asked.append(led)
+        n = 10 if led else 5
+        tracks = PointTracks(truth.tracks.p_world[:n], truth.tracks.cov_world[:n])
+        every = np.arange(40)
+        snapshot = Snapshot(tracks, every, np.arange(n), np.ones(n, dtype=int), 0)
+        found = yield from compare_kinds(snapshot, settings)
+        return replace(found, version=None, whole=led)
+
+    fit = IncrementalFit(compare=compare)
+    for t in range(30):
+        fit.add(truth.tracks.p_world[t], truth.tracks.cov_world[t])
+    assert asked[:2] == [False, True]
+    assert fit.lead is not None and fit.lead.numbers[0] == 0
+    assert fit.lead.fit.kind == "prismatic"
 
 
 @pytest.mark.slow

@@ -182,3 +182,14 @@ def test_a_covariance_of_another_shape_is_refused(followed) -> None:
     _, tracks = followed
     with pytest.raises(ValueError, match="cov_px2"):
         replace(tracks, cov_px2=tracks.cov_px2[..., 0])
+
+
+def test_a_patch_of_an_edge_does_not_shrink_to_a_line() -> None:
+    """Along its edge it fits at any length; long streams let it wander until none is left."""
+    session = FlowTracker().begin()
+    frames = _clip(stairs=False)
+    session.advance(frames[0])
+    session.follow(ON_EDGE[None].round())
+    session._points.shape[0] = np.outer(ACROSS, ACROSS) + 0.05 * np.outer(ALONG, ALONG)
+    assert len(session.advance(frames[1]).index) == 1
+    assert np.linalg.svd(session._points.shape[0], compute_uv=False).min() > 0.5  # taken anew
