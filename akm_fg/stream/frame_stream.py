@@ -78,11 +78,13 @@ class FrameStream:
             TracksLost: no object is seen in the first frame; the next one is the first again.
             ValueError: a stamp that does not grow.
         """
+        before = self._seen.points
         seen = self._seen.watch(frame, hand, object_mask)
+        spare = self._seen.points == before  # setting points took the time of thinking
         p_world = np.full((self._seen.points, 3), np.nan)
         cov_world = np.full((*p_world.shape, 3), np.nan)
         p_world[seen.pixels.index], cov_world[seen.pixels.index] = seen.p_world, seen.cov_world
-        update = self._thinking.add(p_world, cov_world, frame.stamp_s)
+        update = self._thinking.add(p_world, cov_world, frame.stamp_s, spare)
         return update if update.state is not None else self._by_surface(update, frame)
 
     def _by_surface(self, update: FrameUpdate, frame: RgbdFrame) -> FrameUpdate:
@@ -91,7 +93,8 @@ class FrameStream:
         if lead is None:
             return update
         if lead is not self._lead:
-            self._lead, self._surface = lead, HeldSurface.of(lead, SURFACE_STATE)
+            self._lead = lead
+            self._surface = HeldSurface.of(lead.fit, lead.problem.sources, SURFACE_STATE)
             self._state = float(lead.fit.q[-1])
         if self._surface is None:
             return update

@@ -21,6 +21,7 @@ from akm_fg.records import BoolArray, Recording, RgbdFrame
 from akm_fg.stages import JointEstimator, ModelSettings, RecordingFit, Sources, Stages
 from akm_fg.steps import Steps, to_end
 from akm_fg.stream.joint_estimate import JointEstimate, estimate_in_steps
+from akm_fg.stream.surface_state import with_surface_states
 
 
 @dataclass(frozen=True, slots=True)
@@ -131,11 +132,15 @@ class SeenSoFar:
         """By the default estimator; frames that are not kept get their states beside the graph."""
         estimate = to_end(self.estimate_in_steps())
         numbers, store = self.numbers, self._observer.store
-        if numbers.size == self.frames:
-            return RecordingFit(estimate.observed, estimate.posterior())
-        points = store.point_tracks().select(estimate.members)
-        estimate = replace(estimate, fitted=estimate.fitted.over_frames(points, numbers))
-        return RecordingFit(self._of_all_frames(estimate.observed), estimate.posterior())
+        if numbers.size < self.frames:
+            points = store.point_tracks().select(estimate.members)
+            fitted = estimate.fitted.over_frames(points, numbers)
+            observed = self._of_all_frames(estimate.observed)
+            estimate = replace(estimate, fitted=fitted, observed=observed)
+        images = dict(zip(numbers.tolist(), self._observer.kept.frames, strict=True))
+        noise = self.settings.perception.observe.noise
+        posterior = with_surface_states(estimate.posterior(), estimate.fitted, images, noise)
+        return RecordingFit(estimate.observed, posterior)
 
     def _given(self, estimator: JointEstimator) -> RecordingFit:
         """By another estimator; frames that are not kept have no state."""

@@ -8,14 +8,17 @@ readings, from the last state and from places beside it: whichever start finds m
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
+from akm_fg.estimation.between_kinds.weighed_kinds import FittedKinds
 from akm_fg.estimation.one_kind.laplace import KindFit
+from akm_fg.estimation.sources.source import Source
 from akm_fg.estimation.sources.surface import SURFACE, SurfaceContribution, SurfaceSource
-from akm_fg.estimation.stream.leading_kind import LeadingKind
 from akm_fg.perception.depth.depth_noise import DepthNoiseModel
+from akm_fg.posterior import ArticulationPosterior
 from akm_fg.records import BoolArray, FloatArray, RgbdFrame
 from factors.joint import Joint
 from factors.measurements.dense_registration import dense_cost
@@ -48,14 +51,17 @@ class HeldSurface:
     fit: KindFit
 
     @staticmethod
-    def of(lead: LeadingKind, config: SurfaceStateConfig) -> HeldSurface | None:
-        """The patches that a kind was fitted to; None where it has none."""
-        found = [each for each in lead.problem.sources if isinstance(each, SurfaceSource)]
-        if not found or SURFACE not in lead.fit.said:
+    def of(
+        fit: KindFit, sources: Sequence[Source], config: SurfaceStateConfig
+    ) -> HeldSurface | None:
+        """The patches that a moving kind was fitted to; None where it has none."""
+        found = [each for each in sources if isinstance(each, SurfaceSource)]
+        said = fit.said.get(SURFACE)
+        if not found or said is None:
             return None
-        (source,), said = found, lead.fit.said[SURFACE]
         assert isinstance(said, SurfaceContribution)
-        fit, patches = lead.fit, source.patches
+        (source,) = found
+        patches = source.patches
         R, t = fit.moving.motion(fit.q[source.frames])
         x = dense_cost(R, t, patches, source.config.dof, said.scale).x_world
         S = x.shape[1]
@@ -155,3 +161,37 @@ def _off_surface(
     e = ((p_world - x_world) * normal_world).sum(axis=1)
     sigma = noise.sigma_m(z, camera.fx) * np.maximum(cosine, config.least_cosine)
     return e, sigma, np.asarray(seen)
+
+
+def with_surface_states(
+    posterior: ArticulationPosterior,
+    fitted: FittedKinds,
+    frames: Mapping[int, RgbdFrame],
+    noise: DepthNoiseModel,
+    config: SurfaceStateConfig | None = None,
+) -> ArticulationPosterior:
+    """With states of the best kind in frames that neither its graph nor a track tells of.
+
+    Args:
+        posterior: of the fitted kinds.
+        fitted: these.
+        frames: by their numbers, those whose images are there.
+        noise: of single readings.
+        config: tuning.
+    """
+    config, best = config or SurfaceStateConfig(), posterior.best
+    if best.joint is None or best.states is None:
+        return posterior
+    (fit,) = (each for each in fitted.fits if each.kind == best.joint.kind)
+    surface = HeldSurface.of(fit, fitted.problem.sources, config)
+    if surface is None:
+        return posterior
+    mean, sd = best.states.mean.copy(), best.states.sd.copy()
+    known = np.flatnonzero(np.isfinite(mean))
+    for number in sorted(set(frames) - set(known.tolist())):
+        start = float(np.interp(number, known, best.states.mean[known]))
+        found = surface.state(frames[number], noise, start, config)
+        if found is not None:
+            mean[number], sd[number] = found
+    kind = replace(best, states=replace(best.states, mean=mean, sd=sd))
+    return replace(posterior, alternatives={**posterior.alternatives, fit.kind: kind})

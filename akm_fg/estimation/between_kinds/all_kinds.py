@@ -14,7 +14,7 @@ from akm_fg.estimation.one_kind.laplace import KindFit
 from akm_fg.estimation.sources.source import FirstFit
 from akm_fg.estimation.sources.track_noise import correlated_points, correlation_frames
 from akm_fg.geometry.joint_guess import JointGuess
-from akm_fg.steps import Steps
+from akm_fg.steps import Steps, to_end
 from factors.joint import JointKind
 from factors.student_t import twice_negative_log_kernel
 
@@ -34,8 +34,9 @@ def fit_in_steps(problem: FitProblem, began: float) -> Steps[FittedKinds]:
     correlation = Correlation(frames, correlated_points(likeliest.tracks))
     if visible < 1.0:  # the noise is larger than the residuals show
         problem = problem.with_source(replace(problem.tracks, visible_share=visible))
+        yield
         for i, fit in enumerate(fits):
-            fits[i] = _refitted(fit, problem)
+            fits[i] = yield from _refitted(fit, problem)
             yield
     first = FirstFit(
         likeliest.guess,
@@ -114,7 +115,10 @@ def _fit_path(problem: FitProblem) -> tuple[list[KindFit], list[str]]:
     if not fits:
         return [], reasons
     lead = max(fit.log_evidence for fit in fits) - problem.config.polish_within
-    return [_refitted(fit, problem) if fit.log_evidence > lead else fit for fit in fits], reasons
+    for i, fit in enumerate(fits):
+        if fit.log_evidence > lead:
+            fits[i] = to_end(_refitted(fit, problem))
+    return fits, reasons
 
 
 def start_rank(guess: JointGuess, problem: FitProblem) -> float:
@@ -130,6 +134,8 @@ def start_rank(guess: JointGuess, problem: FitProblem) -> float:
     return cost - log_joint_prior(guess.joint, problem.centroid_world, config.prior)
 
 
-def _refitted(fit: KindFit, problem: FitProblem) -> KindFit:
+def _refitted(fit: KindFit, problem: FitProblem) -> Steps[KindFit]:
     """The kind solved again, from where it was."""
-    return fit_rigid(problem) if fit.joint is None else fit_kind(fit.guess, problem, fit)
+    if fit.joint is None:
+        return fit_rigid(problem)
+    return (yield from kind_in_steps(fit.guess, problem, fit))
