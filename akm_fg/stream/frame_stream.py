@@ -78,13 +78,11 @@ class FrameStream:
             TracksLost: no object is seen in the first frame; the next one is the first again.
             ValueError: a stamp that does not grow.
         """
-        before = self._seen.points
         seen = self._seen.watch(frame, hand, object_mask)
-        spare = self._seen.points == before  # setting points took the time of thinking
         p_world = np.full((self._seen.points, 3), np.nan)
         cov_world = np.full((*p_world.shape, 3), np.nan)
         p_world[seen.pixels.index], cov_world[seen.pixels.index] = seen.p_world, seen.cov_world
-        update = self._thinking.add(p_world, cov_world, frame.stamp_s, spare)
+        update = self._thinking.add(p_world, cov_world, frame.stamp_s)
         return update if update.state is not None else self._by_surface(update, frame)
 
     def _by_surface(self, update: FrameUpdate, frame: RgbdFrame) -> FrameUpdate:

@@ -103,11 +103,7 @@ class IncrementalFit:
         return self._keyframes.tracks()
 
     def add(
-        self,
-        p_world: FloatArray,
-        cov_world: FloatArray,
-        stamp_s: float | None = None,
-        think: bool = True,
+        self, p_world: FloatArray, cov_world: FloatArray, stamp_s: float | None = None
     ) -> FrameUpdate:
         """Take in the next frame.
 
@@ -115,7 +111,6 @@ class IncrementalFit:
             p_world: (N, 3) metres, NaN where a track is lost; N may grow from frame to frame.
             cov_world: (N, 3, 3) m^2, of the observed points.
             stamp_s: time of the frame, if known; must grow.
-            think: whether a piece of work may be done with it; else the next frame does it.
 
         Raises:
             ValueError: shapes that do not match, fewer tracks than before, covariances that are
@@ -124,9 +119,7 @@ class IncrementalFit:
         frame = self._tracks.taken_in(p_world, cov_world, stamp_s, self._keyframes)
         with one_blas_thread():
             state, is_keyframe = self._placed(frame)
-            self._to_solve |= is_keyframe
-            if think:
-                state = self._think(frame.number, is_keyframe) or state
+            state = self._think(frame.number, is_keyframe) or state
         return self._update(frame, stamp_s, is_keyframe, state)
 
     def posterior(self) -> ArticulationPosterior:
@@ -241,7 +234,7 @@ class IncrementalFit:
                 self._compared_total = comparable
                 self._comparing = self._comparison()
         grown = total > (1 + config.growth_to_solve) * self._solved_total
-        self._to_solve |= grown and self._comparing is None
+        self._to_solve |= is_keyframe or (grown and self._comparing is None)
         its_turn = self._comparing is None or self._pieces >= config.pieces_to_solve
         followed = self._lead is not None and self._lead.ids.size >= MIN_POINTS
         if self._to_solve and followed and its_turn:
@@ -262,9 +255,11 @@ class IncrementalFit:
             self._comparing, self._warning = None, str(error)
 
     def _publish(self, compared: Comparison) -> None:
-        self._comparing, self._compared, self._warning = None, compared, None
-        if not compared.whole:
-            self._compared_total = 0  # the whole is due at once
+        self._comparing, self._warning = None, None
+        if compared.whole:
+            self._compared = compared
+        else:
+            self._compared_total = 0  # the whole of it is due at once
         self._lead = LeadingKind.of(compared)
         self._states = {}
         if self._lead is not None:

@@ -61,7 +61,7 @@ class Comparison:
     numbers: NDArray[np.int_]  # (K,) of the graph's frames
     counts: NDArray[np.int_]  # (K,)
     version: int | None  # of the snapshot, if it was one
-    whole: bool = True  # False: by a part of what is known, to have an answer soon
+    whole: bool = True  # False: by a part of what is known; it may lead, but names no kind
 
     def posterior(self) -> ArticulationPosterior:
         """The answer, with the states of pooled keyframes as uncertain as they are.

@@ -319,19 +319,6 @@ def test_what_is_kept_stays_the_same_size(stream):
         gc.enable()
 
 
-def test_a_frame_without_time_to_think_is_taken_in_and_thought_over_later(opening):
-    truth = opening(3, "revolute", frames=40)
-    fit, kinds = IncrementalFit(), []
-    for t in range(40):
-        frame = truth.tracks.p_world[t], truth.tracks.cov_world[t]
-        update = fit.add(*frame, think=t % 2 == 0)
-        kinds.append(update.kind)
-    assert "undecided" in kinds[:5] and kinds[-1] == "revolute"
-    changed = np.flatnonzero(np.array(kinds[1:]) != np.array(kinds[:-1])) + 1
-    assert (changed % 2 == 0).all()
-    assert abs(update.state - truth.q[-1]) < 5 * update.state_sd
-
-
 def test_who_compares_may_be_handed_in_and_asks_for_more_at_once(opening):
     """First by a part of what is known, then by the whole; and the frames are its own."""
     truth, asked = opening(4, "prismatic", frames=30), []
