@@ -34,6 +34,11 @@ from akm_fg.steps import Steps, to_end
 
 __all__ = ["FrameUpdate", "IncrementalConfig", "IncrementalFit"]
 
+_PROVISIONAL = (
+    "the joint is provisional, its deviations may be too small: "
+    "only part of what is known was compared yet"
+)
+
 
 class IncrementalFit:
     """Fits all joint kinds to tracked points of one part, frame by frame.
@@ -289,6 +294,8 @@ class IncrementalFit:
         state: tuple[float, float] | None,
     ) -> FrameUpdate:
         posterior = None if self._compared is None else self._compared.fitted.posterior
+        leads_alone = self._compared is None and self._lead is not None
+        provisional = _PROVISIONAL if leads_alone else None
         return FrameUpdate(
             number=frame.number,
             stamp_s=stamp_s,
@@ -300,5 +307,5 @@ class IncrementalFit:
             state_sd=None if state is None else state[1],
             zero_frame=None if self._lead is None else int(self._lead.numbers[0]),
             keyframes=len(self._keyframes.frames),
-            warning=self._warning,
+            warning=self._warning or provisional,
         )

@@ -37,4 +37,4 @@ class FrameUpdate:
     state_sd: float | None
     zero_frame: int | None  # where the state is zero: the first frame whose tracks are kept
     keyframes: int
-    warning: str | None  # why kinds could not be fitted or solved on, of the last attempt
+    warning: str | None  # why kinds could not be fitted or solved on, or a joint is provisional

@@ -334,9 +334,11 @@ def test_who_compares_may_be_handed_in_and_asks_for_more_at_once(opening):
         return replace(found, version=None, whole=led)
 
     fit = IncrementalFit(compare=compare)
-    for t in range(30):
-        fit.add(truth.tracks.p_world[t], truth.tracks.cov_world[t])
+    updates = [fit.add(truth.tracks.p_world[t], truth.tracks.cov_world[t]) for t in range(30)]
     assert asked[:2] == [False, True]
+    by_part = [u for u in updates if u.joint is not None and u.kind == "undecided"]
+    assert by_part and all(u.warning.startswith("the joint is provisional") for u in by_part)
+    assert updates[-1].kind == "prismatic" and updates[-1].warning is None
     assert fit.lead is not None and fit.lead.numbers[0] == 0
     assert fit.lead.fit.kind == "prismatic"
 
