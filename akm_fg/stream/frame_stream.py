@@ -27,7 +27,8 @@ from akm_fg.stream.surface_state import HeldSurface, SurfaceStateConfig
 
 __all__ = ["FrameStream", "FrameUpdate"]
 
-STREAM = IncrementalConfig(pieces_to_solve=2)  # a comparison with surfaces has fifty pieces
+# A comparison with surfaces has fifty pieces: with less growth one would follow on the other.
+STREAM = IncrementalConfig(pieces_to_solve=2, growth_to_compare=0.5)
 SURFACE_STATE = SurfaceStateConfig()
 FRAMES_A_PIECE = 20  # of fewer frames, several pieces of a comparison cost what one of so many does
 LEAST_FRAMES = 10  # before depth is asked where tracks show no motion: it takes as many pieces
