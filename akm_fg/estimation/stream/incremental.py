@@ -82,6 +82,7 @@ class IncrementalFit:
         self._solved_total = self._compared_total = 0
         self._to_solve = False  # the leading kind has not seen all keyframes yet
         self._pieces = 0  # of comparing since the leading kind was solved on: they take turns
+        self._solving: Steps[LeadingKind] | None = None
         self._comparing: Steps[Comparison] | None = None
         self._compared: Comparison | None = None
         self._warning: str | None = None
@@ -207,17 +208,24 @@ class IncrementalFit:
             return np.eye(3), np.zeros(3)
         return self._lead.motion(self._states[number_from], self._states[number_to])
 
-    def _solved_on(self, number: int) -> tuple[float, float] | None:
-        """Solve the leading kind with the keyframes as they are; state of a frame if it is one."""
+    def _solve_on(self, number: int) -> tuple[float, float] | None:
+        """A piece of solving the leading kind with the keyframes as they were when it began.
+
+        Returns the state and deviation of the frame that came in if it was solved for.
+        """
         assert self._lead is not None
-        self._solved_total, self._to_solve = self._keyframes.total, False
+        if self._solving is None:
+            self._solved_total, self._to_solve = self._keyframes.total, False
+            self._solving = self._lead.solved_on(self._keyframes, self._tracks.ids, self._states)
         try:
-            self._lead = lead = self._lead.solved_on(
-                self._keyframes, self._tracks.ids, self._states
-            )
-        except InsufficientData as error:
-            self._warning = str(error)
+            next(self._solving)
             return None
+        except StopIteration as end:
+            self._solving, self._lead = None, end.value
+        except InsufficientData as error:
+            self._solving, self._warning = None, str(error)
+            return None
+        lead = self._lead
         self._states |= zip(lead.numbers.tolist(), lead.fit.q.tolist(), strict=True)
         if number not in lead.numbers:
             return None
@@ -242,9 +250,9 @@ class IncrementalFit:
         self._to_solve |= is_keyframe or (grown and self._comparing is None)
         its_turn = self._comparing is None or self._pieces >= config.pieces_to_solve
         followed = self._lead is not None and self._lead.ids.size >= MIN_POINTS
-        if self._to_solve and followed and its_turn:
+        if followed and its_turn and (self._to_solve or self._solving is not None):
             self._pieces = 0
-            return self._solved_on(number)
+            return self._solve_on(number)
         if self._comparing is not None:
             self._pieces += 1
             self._compare_on(self._comparing)
@@ -260,7 +268,7 @@ class IncrementalFit:
             self._comparing, self._warning = None, str(error)
 
     def _publish(self, compared: Comparison) -> None:
-        self._comparing, self._warning = None, None
+        self._comparing, self._solving, self._warning = None, None, None
         if compared.whole:
             self._compared = compared
         else:

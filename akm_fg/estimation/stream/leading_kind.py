@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from akm_fg.estimation.given.problem import FitProblem
-from akm_fg.estimation.one_kind.kind_fit import fit_kind
+from akm_fg.estimation.one_kind.kind_fit import kind_in_steps
 from akm_fg.estimation.one_kind.laplace import KindFit
 from akm_fg.estimation.one_kind.states import model_variance, solved_states, state_sd_beside
 from akm_fg.estimation.sources.tracks import TRACKS
@@ -17,6 +17,7 @@ from akm_fg.estimation.stream.kind_comparison import Comparison
 from akm_fg.geometry.joint_guess import JointGuess
 from akm_fg.geometry.rigid_motion import MIN_POINTS
 from akm_fg.records import FloatArray
+from akm_fg.steps import Steps
 from factors.measurements.track_cost import TrackObservations
 
 
@@ -78,8 +79,8 @@ class LeadingKind:
 
     def solved_on(
         self, keyframes: Keyframes, ids: NDArray[np.int_], states: dict[int, float]
-    ) -> LeadingKind:
-        """The kind solved with the keyframes as they are now, from where it was.
+    ) -> Steps[LeadingKind]:
+        """The kind solved with the keyframes as they are now, from where it was, in steps.
 
         Args:
             keyframes: of the stream.
@@ -105,8 +106,9 @@ class LeadingKind:
         known = dict(zip(self.numbers.tolist(), self.fit.q.tolist(), strict=True)) | states
         q = np.array([known[number] for number in frames.tolist()])
         guess = JointGuess(self.fit.moving, q - q[0])
-        fit = fit_kind(guess, problem, _of_columns(self.fit, kept)).tempered(self.fit.as_one)
-        return _of_fit(fit.pointing_forward(), problem, self.ids[kept], frames)
+        fit = yield from kind_in_steps(guess, problem, _of_columns(self.fit, kept))
+        fit = fit.tempered(self.fit.as_one).pointing_forward()
+        return _of_fit(fit, problem, self.ids[kept], frames)
 
     def _of_other_sources(self) -> NDArray[np.int_]:
         """Numbers of the graph's frames of which more is known than what tracks say."""
