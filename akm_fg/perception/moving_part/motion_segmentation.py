@@ -146,6 +146,7 @@ def segment_motion(
             seeds = spectral_clusters(tracks, seen.p, significant, config, rng)
         else:
             seeds = [held_tracks(tracks, significant, hand, config)]
+        yield
         found = []
         for seed in seeds:
             motion = yield from _fit_motion(tracks, seen, rest, seed, hand, config, rng)
