@@ -92,12 +92,19 @@ def _offsets(config: AffineMatchConfig) -> FloatArray:
     return np.stack([du.ravel(), dv.ravel()], axis=-1).astype(np.float64)
 
 
-def _sample(image: GrayImage, places: FloatArray) -> NDArray[np.float32]:
-    """Bilinear gray levels (N, P) at places (N, P, 2)."""
-    maps = places.astype(np.float32)
-    values = cv2.remap(
-        image, maps[..., 0], maps[..., 1], cv2.INTER_LINEAR, None, cv2.BORDER_REPLICATE
-    )
+def _sample(
+    image: GrayImage, uv: FloatArray, offsets: FloatArray, shape: FloatArray | None = None
+) -> NDArray[np.float32]:
+    """Bilinear gray levels (N, P) at offsets (P, 2) from pixels (N, 2), in these shapes."""
+    x, y = offsets.T.astype(np.float32)
+    u, v = uv.T.astype(np.float32)[..., None]
+    if shape is None:
+        u, v = u + x, v + y
+    else:
+        a = shape.astype(np.float32)[..., None]
+        u = u + a[:, 0, 0] * x + a[:, 0, 1] * y
+        v = v + a[:, 1, 0] * x + a[:, 1, 1] * y
+    values = cv2.remap(image, u, v, cv2.INTER_LINEAR, None, cv2.BORDER_REPLICATE)
     return np.asarray(values, dtype=np.float32)
 
 
@@ -105,7 +112,7 @@ def _standing(
     image: GrayImage, uv: FloatArray, shape: FloatArray, offsets: FloatArray
 ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
     """Gray levels (N, P) of patches at their places, mean removed, and their spread (N,)."""
-    seen = _sample(image, uv[:, None] + offsets @ shape.transpose(0, 2, 1))
+    seen = _sample(image, uv, offsets, shape)
     seen -= seen.mean(axis=1, keepdims=True)
     return seen, np.maximum(seen.std(axis=1), 1e-6)
 
@@ -132,11 +139,11 @@ def cut_templates(
         gradient_noise: see the function of this name.
     """
     offsets = _offsets(config)
-    places = uv[:, None] + offsets
-    patch = _sample(image, places)
-    step = np.eye(2)
-    gu = (_sample(image, places + step[0]) - _sample(image, places - step[0])) / 2
-    gv = (_sample(image, places + step[1]) - _sample(image, places - step[1])) / 2
+    patch = _sample(image, uv, offsets)
+    gu, gv = (
+        (_sample(image, uv, offsets + step) - _sample(image, uv, offsets - step)) / 2
+        for step in np.eye(2)
+    )
     x, y = offsets[:, 0], offsets[:, 1]
     J = np.stack([gu * x, gu * y, gv * x, gv * y, gu, gv], axis=-1).astype(np.float32)
     J -= J.mean(axis=1, keepdims=True)  # the patch's mean is free

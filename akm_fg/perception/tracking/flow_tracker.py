@@ -266,9 +266,8 @@ def _depth_around(
     u = np.clip(whole[:, :1] + du, 0, frame.camera.width - 1)
     v = np.clip(whole[:, 1:] + dv, 0, frame.camera.height - 1)
     z = frame.depth_m[v, u].astype(np.float64)
-    known = np.isfinite(z)
-    some = known.any(axis=1)
-    median = np.full(len(uv), np.nan)
-    if some.any():
-        median[some] = np.nanmedian(z[some], axis=1)
-    return median, np.asarray(known.mean(axis=1))
+    count = np.isfinite(z).sum(axis=1)
+    ordered = np.sort(z, axis=1)  # unknown ones last
+    middle = np.stack([(count - 1) // 2, count // 2], axis=1).clip(0)
+    median = np.take_along_axis(ordered, middle, axis=1).mean(axis=1)  # NaN where none is known
+    return median, count / z.shape[1]
