@@ -148,6 +148,7 @@ class FitReport:
     patches_used: int = 0  # of the part's surface
     patches_rms_m: float | None = None  # of their readings, along the normals
     patches_as_one: float | None = None  # neighbouring readings that err together
+    rows_left_out: int = 0  # of a pose log, because they jump
     holds: tuple[tuple[int, int], ...] = ()  # first and last frames of the grasps in the graph
 
 

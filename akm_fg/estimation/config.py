@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import ClassVar
 
 from akm_fg.geometry.rigid_motion import RigidMotionConfig
@@ -19,7 +19,8 @@ class PriorConfig:
     least_travel_m: float = 0.001  # the travel is log-uniform from here, less is no motion,
     largest_travel_m: float = 1.0  # to here
     pitch_sigma_m_per_rad: float = 0.05  # of helical joints: 30 cm a turn
-    hinge_play_m_per_rad: float = 0.004  # a hinge slides so much along its axis: 3 mm over 40 deg
+    hinge_play_m_per_rad: float = 0.004  # a hinge slides so much along its axis: 3 mm over 40 deg,
+    hinge_play_turn_rad: float = 0.7  # and to and fro over larger turns
     kind_probability: dict[str, float] = field(
         default_factory=lambda: {
             "rigid": 0.06,  # who looks at a part has moved it, or tried to
@@ -106,4 +107,25 @@ class FitConfig:
     surface_systematic_m: float = 5e-5  # of the depth along the normal, likewise unaveraged
     systematic_modes: int = 4  # independent ways in which such errors bend what is seen
     surface_noise_limit: float = 1.0  # of single depth readings; smoothed ones are at a third
+    # Orientations of a pose log: a hand tilts in its grasp by one to two degrees, a tag's
+    # orientation is biased as much with the view (docs/decisions/0017).
+    orientation_systematic_rad: float = 0.026  # 1.5 degrees, or, of noisy ones,
+    orientation_bias_share: float = 2.0  # times their noise: a tag's corners are off by both
+    orientation_noise_limit: float = 5.0  # of what a fit may find, in what is known beforehand
+    orientation_misfit: float = 3.0  # times what is known that still explains a kind's residuals
+    largest_share_left_out: float = 0.1  # of a log's rows that jump; with more no kind is named
+    countable_turn_rad: float = 2.4  # between frames; nearer to half a turn it may be the other way
+    doubt: float = (
+        1.5  # a pose log's kind is named if it holds with systematic errors so many times
+    )
     parametric_p_value: float = 1e-3  # chi-square level below which no kind explains the data
+
+    @property
+    def doubtful(self) -> FitConfig:
+        """With larger systematic errors of poses: what is only supposed may be so wrong."""
+        return replace(
+            self,
+            systematic_share=self.doubt * self.systematic_share,
+            orientation_systematic_rad=self.doubt * self.orientation_systematic_rad,
+            orientation_bias_share=self.doubt * self.orientation_bias_share,
+        )

@@ -19,14 +19,14 @@ from akm_fg.estimation.between_kinds.all_kinds import fit_in_steps, fit_kinds, w
 from akm_fg.estimation.between_kinds.weighed_kinds import (
     Correlation,
     FittedKinds,
+    silenced,
     weighed,
     with_sampled_joints,
 )
 from akm_fg.estimation.config import FitConfig
+from akm_fg.estimation.given.path_problem import problem_of_path, problem_of_poses
 from akm_fg.estimation.given.problem import (
-    NOMINAL_POSITION_M,
     FitProblem,
-    problem_of_path,
     problem_of_surface,
     problem_of_tracks,
 )
@@ -40,6 +40,7 @@ from akm_fg.geometry.rigid_motion import MIN_POINTS
 from akm_fg.posterior import ArticulationPosterior
 from akm_fg.records import FloatArray, PointTracks, PoseTrack
 from akm_fg.steps import Steps, to_end
+from factors.joint import JointKind
 
 
 def fit_tracks(
@@ -94,7 +95,7 @@ def tracks_in_steps(
         )
     tracks = tracks.select(usable)
     if usable.sum() < MIN_POINTS:
-        problem = problem_of_path(name, tracks, None, noise_known, config)
+        problem = problem_of_path(name, tracks, noise_known, config)
     else:
         problem = problem_of_tracks(name, tracks, noise_known, seed, config)
     problem = replace(problem, members=np.flatnonzero(usable)[problem.members])
@@ -112,14 +113,31 @@ def fit_poses(
         AxisUnobservable: no moving kind can be fitted.
     """
     began = time.perf_counter()
-    p_world = poses.p_world[:, None, :]
-    if p_world.shape[0] < 2:
-        raise TracksLost(f"{name}: one frame only; expected at least two")
-    cov = np.broadcast_to(np.eye(3) * NOMINAL_POSITION_M**2, (*p_world.shape, 3))
-    tracks = PointTracks(p_world, cov)
+    config = config or FitConfig()
     with one_blas_thread():
-        problem = problem_of_path(name, tracks, poses.R_world_part, False, config or FitConfig())
-        return _sampled(to_end(fit_in_steps(problem, began)))
+        fitted = to_end(fit_in_steps(problem_of_poses(name, poses, config), began))
+        answer = _sampled(fitted)
+        if answer.kind in ("rigid", "undecided"):
+            return answer
+        doubted = to_end(fit_in_steps(problem_of_poses(name, poses, config.doubtful), began))
+    p = _moves_alike(answer, doubted.posterior)
+    if p >= config.undecided_below:
+        return answer
+    return silenced(
+        answer,
+        f"were the systematic errors of the poses {config.doubt:g} times as large as supposed, "
+        f"{answer.kind} would have probability {p:.2f}",
+    )
+
+
+def _moves_alike(answer: ArticulationPosterior, doubted: ArticulationPosterior) -> float:
+    """Probability, under doubt, of kinds that turn as the named one does, or slide as it does."""
+    turns = JointKind(answer.kind).turns
+    return sum(
+        p
+        for kind, p in doubted.kind_probability.items()
+        if kind != "rigid" and JointKind(kind).turns == turns
+    )
 
 
 @cache

@@ -63,6 +63,7 @@ def posterior_as_dict(posterior: ArticulationPosterior) -> dict[str, Any]:
             "patches_used": posterior.fit.patches_used,
             "patches_rms_m": posterior.fit.patches_rms_m,
             "patches_as_one": posterior.fit.patches_as_one,
+            "rows_left_out": posterior.fit.rows_left_out,
             "holds": [list(hold) for hold in posterior.fit.holds],
             "parametric": posterior.fit.parametric,
             "warnings": list(posterior.fit.warnings),

@@ -85,7 +85,8 @@ def _fit_part(starts: list[Start], problem: FitProblem) -> Steps[tuple[list[Kind
     """Graphs of kinds that start at their best joint; those out of the race stay there."""
     fits, reasons = [], []
     for start in starts:
-        in_race = start.nats_behind < problem.config.solve_within and start.worth_it
+        near = problem.marker or start.nats_behind < problem.config.solve_within
+        in_race = near and start.worth_it
         try:
             effort: Effort = "full" if in_race else "none"
             fit = yield from kind_in_steps(start.guess, problem, effort=effort)

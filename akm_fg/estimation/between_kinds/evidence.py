@@ -19,6 +19,42 @@ _FREE_NUMBERS = {JointKind.PRISMATIC: 3, JointKind.REVOLUTE: 6}
 _TRACY_WIDOM_99 = 2.02  # quantile of the Tracy-Widom law of order one
 
 
+def levelled(fits: list[KindFit], problem: FitProblem) -> list[KindFit]:
+    """The kinds with each source's noise at a level that all share, as far as it knows one."""
+    for source in problem.sources:
+        at = [i for i, fit in enumerate(fits) if source.name in fit.said]
+        for i, said in zip(
+            at, source.levelled([fits[i].said[source.name] for i in at]), strict=True
+        ):
+            fits[i] = replace(fits[i], said={**fits[i].said, source.name: said})
+    return fits
+
+
+def left_out_warnings(problem: FitProblem) -> list[str]:
+    """That rows of a pose log were left out, and how many."""
+    count, rows = problem.rows_left_out, problem.points.p_world.shape[0]
+    if not count:
+        return []
+    return [f"{count} of {rows} rows jump away and come back; they were left out"]
+
+
+def turn_warnings(fit: KindFit, problem: FitProblem) -> list[str]:
+    """Between which frames a part turned so far that full turns cannot be counted."""
+    frames = problem.known_frames
+    if fit.joint is None or not fit.joint.kind.turns or frames.size < 2:
+        return []
+    q = np.interp(frames, problem.keyframes, fit.q)
+    steps = np.abs(np.diff(q))
+    worst = int(np.argmax(steps))
+    if steps[worst] <= problem.config.countable_turn_rad:
+        return []
+    degrees = math.degrees(float(steps[worst]))
+    return [
+        f"between frames {frames[worst]} and {frames[worst + 1]} the part turned by {degrees:.0f} "
+        "deg or that and full turns: frames are too far apart to count them"
+    ]
+
+
 def nested_screw(fits: list[KindFit], problem: FitProblem) -> list[KindFit]:
     """A screw may only win by a pitch that neither systematic errors nor a hinge's play explain.
 
@@ -28,12 +64,17 @@ def nested_screw(fits: list[KindFit], problem: FitProblem) -> list[KindFit]:
     the prior at zero: Dickey, 1971):
 
         sigma / play sqrt(v / (v + s^2)) exp(-h^2 / (2 (v + s^2))),  1/v = 1/play^2 - 1/sigma^2.
+
+    Play is a length, and what slides in it goes to and fro: over n times the turn in which it is
+    given, the slide is that of n independent ones, whose trend is n^-3/2 times as steep.
     """
     by_kind = {fit.kind: fit for fit in fits}
     if not {SCREW, HINGE} <= by_kind.keys():
         return fits
     screw, prior = by_kind[SCREW], problem.config.prior
-    sigma, play = prior.pitch_sigma_m_per_rad, prior.hinge_play_m_per_rad
+    sigma = prior.pitch_sigma_m_per_rad
+    turned = max(float(np.ptp(screw.q)), prior.hinge_play_turn_rad)
+    play = prior.hinge_play_m_per_rad * (prior.hinge_play_turn_rad / turned) ** 1.5
     v = 1 / (play**-2 - sigma**-2)
     width = v + screw.pitch_sd**2
     lag = math.log(sigma / play) + 0.5 * math.log(v / width) - screw.moving.pitch**2 / (2 * width)
@@ -101,6 +142,8 @@ def is_parametric(fit: KindFit, problem: FitProblem, as_one: float) -> bool:
     joint.
     """
     tracks = fit.tracks
+    if problem.marker and any(said.explained is False for said in fit.said.values()):
+        return False
     others = [said for said in fit.said.values() if said.explained is not None]
     most = max(others, key=lambda said: said.readings, default=None)
     if most is not None and most.readings > tracks.readings:

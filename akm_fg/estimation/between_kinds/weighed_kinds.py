@@ -12,9 +12,13 @@ from numpy.typing import NDArray
 from akm_fg.estimation.between_kinds.evidence import (
     is_parametric,
     kind_probabilities,
+    left_out_warnings,
+    levelled,
     nested_screw,
     rest_is_shown,
+    turn_warnings,
 )
+from akm_fg.estimation.between_kinds.vague_hinges import with_vague_hinges
 from akm_fg.estimation.given.problem import NOMINAL_POSITION_M, FitProblem
 from akm_fg.estimation.one_kind.laplace import KindFit
 from akm_fg.estimation.one_kind.sampled_posterior import sampled
@@ -85,17 +89,20 @@ def weighed(
     """
     as_one = correlation.as_one
     fits = [fit.tempered(as_one).pointing_forward() for fit in fits]
-    fits = nested_screw(fits, problem)
+    fits = nested_screw(levelled(with_vague_hinges(fits, problem), problem), problem)
     probability = kind_probabilities(fits, problem.config.prior)
     best = max(fits, key=lambda fit: probability[fit.kind])
     parametric = is_parametric(best, problem, as_one)
-    warnings = warnings + [
+    warnings = warnings + left_out_warnings(problem) + turn_warnings(best, problem)
+    warnings += [
         text
         for fit in fits
         for source in problem.sources
         for text in source.warnings(fit.kind, fit.q)
     ]
     decided = parametric and probability[best.kind] >= problem.config.undecided_below
+    if problem.rows_left_out > problem.config.largest_share_left_out * len(problem.points.p_world):
+        decided = False
     if best.kind == "rigid" and not rest_is_shown(fits, problem.config.prior):
         decided = False
     posterior = ArticulationPosterior(
@@ -107,6 +114,12 @@ def weighed(
         time_s={"total": time.perf_counter() - began},
     )
     return FittedKinds(posterior, fits, problem)
+
+
+def silenced(answer: ArticulationPosterior, reason: str) -> ArticulationPosterior:
+    """The answer with its kind undecided, and why."""
+    fit = replace(answer.fit, warnings=(*answer.fit.warnings, reason))
+    return replace(answer, kind="undecided", fit=fit)
 
 
 def with_sampled_joints(fitted: FittedKinds) -> ArticulationPosterior:
@@ -161,5 +174,6 @@ def _report(
         correlation_points=correlation.points,
         parametric=parametric,
         warnings=warnings,
+        rows_left_out=problem.rows_left_out,
         **reported,
     )

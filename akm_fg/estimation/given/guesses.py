@@ -21,19 +21,32 @@ def guesses_from_motion(motion: RigidMotion) -> list[JointGuess]:
     """Starts of both kinds from free rigid motions (three or more tracks)."""
     centroid = motion.shape_world[motion.inlier].mean(axis=0)
     path = motion.R_world @ centroid + motion.t_world
-    guesses = [_straight(path, motion.known)[0]]
-    turns = log_so3(motion.R_world)
-    turns[~motion.known] = 0.0
-    # Relative to the first known frame: a reference frame in mid-travel would see both signs.
+    drawer = _straight(path, motion.known)[0]
+    return [drawer, *hinges_of_motions(motion.R_world, motion.t_world, path, motion.known)]
+
+
+def hinges_of_motions(
+    R_world: FloatArray, t_world: FloatArray, path: FloatArray, known: BoolArray
+) -> list[JointGuess]:
+    """Hinges that free motions turn about.
+
+    Args:
+        R_world: (T, 3, 3) from the reference frame; where known, else anything.
+        t_world: (T, 3).
+        path: (T, 3) of the part's middle, or of a marker on it.
+        known: (T,).
+    """
+    turns = np.zeros_like(t_world)
+    turns[known] = log_so3(R_world[known])
+    # Relative to the reference frame, which in mid-travel sees both signs.
     _, axes = np.linalg.eigh(turns.T @ turns)
     axis = axes[:, -1]
-    q = turns @ axis
-    pivots = [_pivot_of_motion(motion, axis, centroid)]
-    circle = _circle_about(axis, path[motion.known])
+    q = _unwrapped(turns @ axis, known)
+    pivots = [_pivot_of_motions(R_world[known], t_world[known], axis, path[known].mean(axis=0))]
+    circle = _circle_about(axis, path[known])
     if circle is not None:
         pivots.append(circle)
-    guesses += [_guess(JointKind.REVOLUTE, axis, pivot, q, motion.known) for pivot in pivots]
-    return guesses
+    return [_guess(JointKind.REVOLUTE, axis, pivot, q, known) for pivot in pivots]
 
 
 def drawer_along(path: FloatArray) -> JointGuess:
@@ -75,8 +88,14 @@ def _angles(path: FloatArray, axis: FloatArray, pivot: FloatArray) -> FloatArray
     frame = joint_frame(axis, pivot)
     local = (path - pivot) @ frame[:3, :3]
     angles = np.arctan2(local[:, 1], local[:, 0])
-    middle = np.arctan2(local[:, 1].mean(), local[:, 0].mean())
-    return (angles - middle + np.pi) % (2 * np.pi) - np.pi
+    return _unwrapped(angles, np.isfinite(angles))
+
+
+def _unwrapped(angles: FloatArray, known: BoolArray) -> FloatArray:
+    """Angles (T,) without jumps of full turns: between known frames the shorter way was gone."""
+    angles = angles.copy()
+    angles[known] = np.unwrap(angles[known])
+    return angles
 
 
 def _guess(
@@ -88,11 +107,13 @@ def _guess(
     return JointGuess(Joint(kind, joint_frame(axis, origin), 0.0), q - q[0])
 
 
-def _pivot_of_motion(motion: RigidMotion, axis: FloatArray, centroid: FloatArray) -> FloatArray:
+def _pivot_of_motions(
+    R_world: FloatArray, t_world: FloatArray, axis: FloatArray, centroid: FloatArray
+) -> FloatArray:
     """Point that all frames leave in place across the axis: least squares of (I - R) c = t."""
     across = np.eye(3) - np.outer(axis, axis)
-    A = (across @ (np.eye(3) - motion.R_world))[motion.known].reshape(-1, 3)
-    b = (motion.t_world @ across)[motion.known].reshape(-1)
+    A = (across @ (np.eye(3) - R_world)).reshape(-1, 3)
+    b = (t_world @ across).reshape(-1)
     # Undetermined along the axis and, without rotation, everywhere: stay near the centroid.
     ridge = 1e-6 * max(float(np.abs(A).max()), 1e-9) * np.eye(3)
     offset = np.linalg.lstsq(np.vstack([A, ridge]), np.concatenate([b - A @ centroid, np.zeros(3)]))
@@ -113,6 +134,7 @@ def _circle_about(normal: FloatArray, points: FloatArray) -> FloatArray | None:
     A = np.column_stack([2 * local[:, :2], np.ones(len(local))])
     solution, _, rank, _ = np.linalg.lstsq(A, (local[:, :2] ** 2).sum(axis=1))
     centre = _bounded(np.array([solution[0], solution[1], 0.0]))
-    if rank < 3 or np.linalg.norm(centre) < _MIN_RADIUS_M:
+    radius = np.sqrt(((local[:, :2] - centre[:2]) ** 2).sum(axis=1).mean())
+    if rank < 3 or radius < _MIN_RADIUS_M:
         return None
     return frame[:3, 3] + frame[:3, :3] @ centre

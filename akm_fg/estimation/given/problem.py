@@ -1,4 +1,7 @@
-"""Preparing a fit: which tracks, frames and starts, how noisy. No joint kind is assumed."""
+"""Preparing a fit: which tracks, frames and starts, how noisy. No joint kind is assumed.
+
+Of one point's path, or one marker's poses: `akm_fg.estimation.given.path_problem`.
+"""
 
 from __future__ import annotations
 
@@ -10,9 +13,8 @@ from numpy.typing import NDArray
 
 from akm_fg.errors import TracksLost
 from akm_fg.estimation.config import FitConfig
-from akm_fg.estimation.given.guesses import drawer_along, guesses_from_motion, guesses_from_path
-from akm_fg.estimation.given.path import local_noise, select_keyframes
-from akm_fg.estimation.sources.orientations import OrientationSource
+from akm_fg.estimation.given.guesses import drawer_along, guesses_from_motion
+from akm_fg.estimation.given.path import select_keyframes
 from akm_fg.estimation.sources.source import Given, LateSource, Part, Source
 from akm_fg.estimation.sources.tracks import T_OVER_NORMAL, TrackSource
 from akm_fg.geometry.joint_guess import JointGuess
@@ -23,7 +25,6 @@ from factors.motion_information import MotionInformation, latent_points, motion_
 
 # Pose logs come without a noise level: observations are whitened by these and scaled by the fit.
 NOMINAL_POSITION_M = 1e-3
-_START_ORIENTATION_RAD = 0.02
 _FREE_SCALE_ITERATIONS = 2  # from a median within a tenth to the graph's own level
 
 
@@ -43,8 +44,10 @@ class FitProblem:
     travel_m: float
     tracks_rejected: int
     config: FitConfig
-    motions: MotionInformation | None  # free motions over the keyframes; None for a path
+    motions: MotionInformation | None  # free motions over the keyframes; None for a bare path
     late: tuple[LateSource, ...] = ()  # over the T frames; read after a first fit
+    marker: bool = False  # one point of the part, or its pose: nobody sees the part itself
+    rows_left_out: int = 0  # of a pose log: frames whose pose jumps
 
     @property
     def tracks(self) -> TrackSource:
@@ -52,6 +55,11 @@ class FitProblem:
         tracks = self.sources[0]
         assert isinstance(tracks, TrackSource)
         return tracks
+
+    @property
+    def known_frames(self) -> NDArray[np.int_]:
+        """Frames of the input in which the part is seen."""
+        return np.flatnonzero(self.points.observed.any(axis=1))
 
     @property
     def part(self) -> Part:
@@ -115,12 +123,12 @@ def problem_of_tracks(
     known = np.flatnonzero(motion.known)
     first = moved[known[0]]
     keyframes = select_keyframes(moved[known].mean(axis=2), known, config.max_frames)
-    problem = _problem(
+    problem = assembled(
         name=name,
         points=tracks.select(motion.inlier),
         keyframes=keyframes,
         guesses=guesses_from_motion(motion),
-        noise=_Noise(
+        noise=Noise(
             noise_known, T_OVER_NORMAL * motion.scale, max(motion.scale, float(noise_known))
         ),
         centroid_world=first.mean(axis=1),
@@ -147,50 +155,6 @@ def _with_motions(problem: FitProblem, motion: RigidMotion) -> FitProblem:
     return replace(problem, motions=motions).with_source(tracks)
 
 
-def problem_of_path(
-    name: str,
-    tracks: PointTracks,
-    R_world_part: FloatArray | None,
-    noise_known: bool,
-    config: FitConfig,
-) -> FitProblem:
-    """One or two points: no rigid motion to be had from them, only a path.
-
-    Args:
-        name: of the input.
-        tracks: T frames, one or two points.
-        R_world_part: (T, 3, 3) measured orientations, or None.
-        noise_known: whether the covariances are more than nominal.
-        config: tuning.
-    """
-    path = np.nanmean(tracks.p_world, axis=1)
-    seen = np.isfinite(path).all(axis=1)
-    known = np.flatnonzero(seen)
-    variances = tracks.cov_world[tracks.observed][:, range(3), range(3)]
-    sigma_m = float(np.sqrt(np.median(variances)))
-    noise = local_noise(path[known]) / sigma_m
-    travel_m = float(np.linalg.norm(path[known] - path[known[0]], axis=1).max())
-    systematic = 0.0 if noise_known else config.systematic_share * travel_m / sigma_m
-    # A single marker sits on the handle, not in the middle of the part.
-    prior = replace(config.prior, hinge_distance_m=config.prior.handle_distance_m)
-    problem = _problem(
-        name=name,
-        points=tracks,
-        keyframes=select_keyframes(path[known], known, config.max_frames),
-        guesses=guesses_from_path(path, seen),
-        noise=_Noise(noise_known, max(noise, 1e-3), max(noise, float(noise_known)), systematic),
-        centroid_world=path[known[0]],
-        lever_m=0.0,
-        travel_m=travel_m,
-        tracks_rejected=0,
-        config=replace(config, prior=prior),
-    )
-    if R_world_part is None:
-        return problem
-    turned = R_world_part[problem.keyframes]
-    return problem.with_source(OrientationSource(turned, _START_ORIENTATION_RAD, problem.config))
-
-
 def problem_of_surface(
     name: str, tracks: PointTracks, guess: JointGuess, centroid_world: FloatArray, config: FitConfig
 ) -> FitProblem:
@@ -210,12 +174,12 @@ def problem_of_surface(
     if tracks.p_world.shape[1] >= MIN_POINTS:  # how noisy they are needs no joint to see
         rng = np.random.default_rng(0)
         scale = max(free_rigid_motion(tracks, rng, config.rigid_motion).scale, 1.0)
-    return _problem(
+    return assembled(
         name=name,
         points=tracks,
         keyframes=select_keyframes(path, frames, config.max_frames),
         guesses=[guess, drawer_along(path)],
-        noise=_Noise(True, T_OVER_NORMAL * scale, scale),
+        noise=Noise(True, T_OVER_NORMAL * scale, scale),
         centroid_world=centroid_world,
         lever_m=0.0,
         travel_m=float(np.linalg.norm(path - path[0], axis=1).max()),
@@ -225,7 +189,7 @@ def problem_of_surface(
 
 
 @dataclass(frozen=True, slots=True)
-class _Noise:
+class Noise:
     """Of the tracks, in given standard deviations, as far as it shows without a joint."""
 
     known: bool  # whether those are more than nominal
@@ -234,19 +198,19 @@ class _Noise:
     systematic: float = 0.0  # of a path
 
 
-def _problem(
+def assembled(
     name: str,
     points: PointTracks,
     keyframes: NDArray[np.int_],
     guesses: list[JointGuess],
-    noise: _Noise,
+    noise: Noise,
     centroid_world: FloatArray,
     lever_m: float,
     travel_m: float,
     tracks_rejected: int,
     config: FitConfig,
 ) -> FitProblem:
-    """Restrict to the keyframes."""
+    """The problem over its keyframes, with its tracks as the first source."""
     k = keyframes
     members = np.flatnonzero(points.observed[k].any(axis=0))
     points = points.select(members)

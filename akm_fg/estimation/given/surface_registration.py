@@ -85,7 +85,7 @@ class SurfaceToRegister(LateSource):
     ) -> Steps[tuple[FitProblem, FirstFit] | None]:
         """The problem with the surface registered, and the joint that explains both best."""
         # Nothing moved, or it is the path of one point: there is no part to see.
-        if problem.motions is None or not first.moved:
+        if problem.motions is None or problem.marker or not first.moved:
             return None
         return (yield from register(problem, first, self.surface))
 

@@ -20,7 +20,11 @@ import numpy as np
 from akm_fg.estimation.given.motion_fit import nearest_origin
 from akm_fg.estimation.one_kind.laplace import KindFit
 from akm_fg.records import FloatArray
-from factors.joint import JointKind, skew
+from factors.joint import Joint, JointKind, skew
+
+# Widths of Gaussians whose integral is that of the flat priors: 2 pi of a half sphere's solid
+# angle, 2 pi of bearings. Distance and pitch have proper priors of their own.
+_TILT_RAD, _BEARING_RAD = 1.0, np.sqrt(2 * np.pi)
 
 
 @dataclass(frozen=True, slots=True)
@@ -66,9 +70,8 @@ class JointChart:
     pitch: float
 
     @classmethod
-    def at(cls, fit: KindFit, centroid_world: FloatArray) -> JointChart:
-        """At a solved joint."""
-        joint = fit.moving
+    def at(cls, joint: Joint, centroid_world: FloatArray) -> JointChart:
+        """At a joint."""
         T, distance = nearest_origin(joint, centroid_world)
         return cls(joint.kind, T[:3, :3], centroid_world, distance, joint.pitch)
 
@@ -85,8 +88,12 @@ class JointChart:
     def covariance(self, fit: KindFit) -> FloatArray:
         """The fit's own covariance in these coordinates, (k, k)."""
         k, T_world_joint = self.size, fit.moving.T_world_joint
-        J = self._by_tangent(self.R_world_joint[:, :2].T @ T_world_joint[:3, :2], self.distance)
+        J = self.by_tangent(T_world_joint[:3, :3])
         return J @ fit.cov[:k, :k] @ J.T
+
+    def by_tangent(self, R_world_joint: FloatArray) -> FloatArray:
+        """(k, k) coordinates by the tangent of a joint's frame with the axis of this one."""
+        return self._by_tangent(self.R_world_joint[:, :2].T @ R_world_joint[:, :2], self.distance)
 
     def _by_tangent(self, turn: FloatArray, distance: float) -> FloatArray:
         """(k, k) coordinates by the tangent of a frame that is turned about z against this one."""
@@ -119,6 +126,21 @@ class JointChart:
         by_tangent = self._by_tangent(np.eye(2), distance)
         by_tangent[:2, :2] = turn[:2, :2]
         return T, np.asarray(np.linalg.inv(by_tangent))
+
+
+def widest_information(joint: Joint, centroid_world: FloatArray) -> FloatArray:
+    """Information (k, k) on a joint's coordinates that its flat priors are worth, tangent order.
+
+    A Gaussian of so much information has, at its peak density, the integral of the flat prior of
+    axis direction and bearing: what is known of a joint is never less.
+    """
+    chart = JointChart.at(joint, centroid_world)
+    flat = np.zeros(chart.size)
+    flat[:2] = _TILT_RAD**-2
+    if joint.kind.turns:
+        flat[3] = _BEARING_RAD**-2
+    J = chart.by_tangent(joint.R_world_joint)
+    return np.asarray(J.T @ (flat[:, None] * J))
 
 
 def _tilts(tilt: FloatArray) -> FloatArray:

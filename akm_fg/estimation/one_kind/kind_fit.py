@@ -12,6 +12,7 @@ import numpy as np
 from akm_fg.estimation.config import FitConfig
 from akm_fg.estimation.given.problem import FitProblem
 from akm_fg.estimation.joint_prior import joint_prior_factors, log_joint_prior, log_state_prior
+from akm_fg.estimation.one_kind.joint_chart import widest_information
 from akm_fg.estimation.one_kind.joint_graph import (
     JOINT,
     initial_values,
@@ -107,7 +108,7 @@ def fit_rigid(problem: FitProblem) -> KindFit:
     at = read(values, variables, scales)
     none = np.zeros((0, 0))
     said = {term.name: term.contribution(at, freedom) for term in terms}
-    return KindFit(None, guess.q, none, none, none, said, scales, 0.0, 0.0, 0.0, 0.0)
+    return KindFit(None, guess.q, none, none, none, none, said, scales, 0.0, 0.0, 0.0, 0.0)
 
 
 def _still_solved(
@@ -174,6 +175,7 @@ def _laplace(at: At, terms: Sequence[Term], problem: FitProblem, freedom: float)
         cov=cov,
         information=information,
         prior_information=known,
+        widest=widest_information(joint, problem.centroid_world),
         said=said,
         scales=at.scales,
         log_prior=log_joint_prior(joint, problem.centroid_world, prior),

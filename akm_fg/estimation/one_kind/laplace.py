@@ -30,6 +30,7 @@ class KindFit:
     cov: FloatArray  # (d, d)
     information: FloatArray  # (d, d) the graph's
     prior_information: FloatArray  # (d, d) that of the joint's priors in it
+    widest: FloatArray  # (k, k) on the joint's coordinates, of the widest that its prior allows
     said: Mapping[str, Contribution]  # by the sources, by their names
     scales: Mapping[str, float]  # of the sources' noise
     log_prior: float  # density of the joint alone, at the solution
@@ -37,6 +38,7 @@ class KindFit:
     log_det: float  # of `information`
     log_held: float  # log det of the information on the states, all else held
     as_one: float = 1.0  # observations of the tracks that err together (in time and space)
+    log_beyond: float = 0.0  # of the evidence, what Laplace's method misses of a vague joint
     log_nested: float = 0.0  # see `akm_fg.estimation.between_kinds.evidence.nested_screw`
 
     @property
@@ -65,7 +67,7 @@ class KindFit:
     @property
     def log_likelihood(self) -> float:
         """Of all observations at the best latents, normalised."""
-        return sum(said.log_likelihood for said in self.said.values())
+        return sum(said.log_likelihood + said.log_correlated for said in self.said.values())
 
     @property
     def guess(self) -> JointGuess:
@@ -83,23 +85,45 @@ class KindFit:
 
         The marginal likelihood of joint and the sources' own variables (latent points integrated
         out, states frame by frame) to the power 1 / as_one, times their prior, integrated by
-        Laplace's method.
+        Laplace's method; the joint's width there is at most that of its prior (`_log_width`).
         """
         said = self.said.values()
-        coordinates = 0 if self.joint is None else self.joint.kind.coordinates
-        fitted = coordinates + sum(each.own_variables for each in said)
-        log_det = self.log_det - self.log_held + sum(each.own_log_det for each in said)
+        own = sum(each.own_variables for each in said)
+        own_log_det = sum(each.own_log_det for each in said)
         width = 0.5 * (self.q.size - 1) * math.log(2 * math.pi) - 0.5 * self.log_held
         log_states = self.log_flat + sum(each.log_states for each in said) + width
         log_latents = sum(each.log_latents for each in said)
         return Evidence(
-            log_likelihood=(self.log_likelihood + log_latents) / self.as_one,
+            log_likelihood=(sum(each.log_likelihood for each in said) + log_latents) / self.as_one
+            + sum(each.log_correlated for each in said),
             log_states=0.0 if self.joint is None else log_states / self.as_one,
             log_joint_prior=self.log_prior,
-            log_joint_volume=0.5 * fitted * math.log(2 * math.pi * self.as_one) - 0.5 * log_det,
+            log_joint_volume=self._log_width()
+            + self.log_beyond
+            + 0.5 * own * math.log(2 * math.pi * self.as_one)
+            - 0.5 * own_log_det,
             log_nested=self.log_nested,
             log_noise=sum(each.log_noise for each in said),
         )
+
+    def _log_width(self) -> float:
+        """Of the joint's posterior: log of the integral of its Gaussian over its coordinates.
+
+        Coordinates that the data leave open are as wide as their prior, and not wider: an axis
+        anywhere on its half sphere, a hinge anywhere around the part. Without that a vague joint
+        gains by its volume what no prior gives.
+        """
+        if self.joint is None:
+            return -0.5 * (self.log_det - self.log_held)
+        k = self.joint.kind.coordinates
+        H = self.information
+        on_states = np.linalg.slogdet(H[k:, k:])[1]
+        # The priors count once however many observations count as one.
+        left = H[:k, :k] - H[:k, k:] @ np.linalg.solve(H[k:, k:], H[k:, :k])
+        known = self.prior_information[:k, :k]
+        counted = (left - known) / self.as_one + known + self.widest
+        log_det = np.linalg.slogdet(counted)[1] + on_states - self.log_held
+        return float(0.5 * k * math.log(2 * math.pi) - 0.5 * log_det)
 
     @property
     def joint_cov(self) -> FloatArray:
@@ -131,10 +155,13 @@ class KindFit:
         """
         if self.joint is None:
             return replace(self, as_one=as_one)
-        true = self.prior_information.copy()
-        for each in self.said.values():
-            true += each.variance_ratio(as_one) * each.information
-        inverse, _ = inverted(self.joint.kind, self.information)
+        k = len(self.widest)
+        true, information = self.prior_information.copy(), self.information.copy()
+        for each in (true, information):
+            each[:k, :k] += self.widest
+        for said in self.said.values():
+            true += said.variance_ratio(as_one) * said.information
+        inverse, _ = inverted(self.joint.kind, information)
         cov = inverse @ true @ inverse
         return replace(self, cov=(cov + cov.T) / 2, as_one=as_one)
 
@@ -154,6 +181,7 @@ class KindFit:
             cov=self.cov * both,
             information=self.information * both,
             prior_information=self.prior_information * both,
+            widest=self.widest * both[: len(self.widest), : len(self.widest)],
             said={name: each.turned(signs) for name, each in self.said.items()},
         )
 

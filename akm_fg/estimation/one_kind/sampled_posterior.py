@@ -99,7 +99,7 @@ def sampled(fit: KindFit, problem: FitProblem) -> KindFit:
     """
     if not _tells(fit, problem):
         return fit
-    chart = JointChart.at(fit, problem.centroid_world)
+    chart = JointChart.at(fit.moving, problem.centroid_world)
     cov = chart.covariance(fit)
     config = problem.config.sampling
     if np.sqrt(np.diag(cov)[:4]).max() < config.vague:

@@ -1,13 +1,15 @@
 """Orientations: how the part was turned in every frame, as a pose log tells it.
 
-Their noise is found with the kind. Its correlation in time is measured in their own residuals; no
-other source's enters.
+The noise that they are weighed by is found with the kind, up to a ceiling; its correlation in time
+is measured in their own residuals; no other source's enters. What they say for or against a kind is
+judged by errors known beforehand, the same for every kind (`slow_errors`): a drawer may not explain
+a turn as noise, nor a door a hand that tilts by a degree.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import ClassVar
 
@@ -16,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from akm_fg.estimation.config import FitConfig
+from akm_fg.estimation.sources.slow_errors import SlowErrors
 from akm_fg.estimation.sources.source import (
     At,
     Contribution,
@@ -26,7 +29,7 @@ from akm_fg.estimation.sources.source import (
     information_of,
 )
 from akm_fg.estimation.sources.track_noise import correlation_time
-from akm_fg.estimation.sources.tracks import CHI2_MEDIAN
+from akm_fg.estimation.sources.tracks import CHI2_MEDIAN, OUTLIER_MEDIANS
 from akm_fg.geometry.joint_guess import JointGuess
 from akm_fg.records import FloatArray
 from factors.joint_variables import JointVariables
@@ -37,15 +40,12 @@ from factors.measurements.orientation_track import (
 )
 from factors.student_t import (
     covariance_factor,
-    log_normaliser,
-    twice_negative_log_kernel,
     weight,
 )
 
 ORIENTATIONS = "orientations"
 REFERENCE = gtsam.symbol("r", 0)  # the part's orientation at state zero
 _LEAST_RAD = 1e-5  # what rounded quaternions leave
-_CLIP = 3.0  # medians of the errors
 _HIDDEN = 2  # of each series the fit takes offset and slope away: the reference and the axis
 
 
@@ -54,7 +54,7 @@ class OrientationSource(Source):
     """Measured orientations in the graph's T frames."""
 
     R_world_part: FloatArray  # (T, 3, 3)
-    first_scale: float  # radians, each axis
+    errors: SlowErrors  # radians, each axis
     config: FitConfig
     name: ClassVar[str] = ORIENTATIONS
 
@@ -65,7 +65,33 @@ class OrientationSource(Source):
 
     def restricted(self, frames: NDArray[np.int_]) -> OrientationSource:
         """Over some of the graph's frames."""
-        return replace(self, R_world_part=self.R_world_part[frames])
+        errors = self.errors.restricted(frames)
+        return replace(self, R_world_part=self.R_world_part[frames], errors=errors)
+
+    def levelled(self, said: Sequence[Contribution]) -> list[Contribution]:
+        """At one level for all kinds: what is known, or what the best of them leaves."""
+        each = [one for one in said if isinstance(one, OrientationContribution)]
+        size = np.array([np.linalg.norm(one.residual_rad, axis=1) for one in each])
+        best = size[np.argmin(np.median(size, axis=1))]
+        kept = np.flatnonzero(
+            best <= OUTLIER_MEDIANS * np.median(best)
+        )  # the rest tells of no kind
+        known = self.errors.restricted(kept)
+        times = [known.times(one.residual_rad[kept]) for one in each]
+        errors = known.wider(max(1.0, min(times)))
+        return [
+            replace(
+                one,
+                log_correlated=errors.log_likelihood(one.residual_rad[kept]),
+                explained=factor <= self.config.orientation_misfit,
+            )
+            for one, factor in zip(each, times, strict=True)
+        ]
+
+    @property
+    def typical_rad(self) -> float:
+        """Standard deviation of all errors together, each axis."""
+        return math.hypot(self.errors.sigma, self.errors.sigma_slow)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -74,6 +100,7 @@ class OrientationContribution(Contribution):
 
     sigma_rad: float
     R_ref: FloatArray  # (3, 3)
+    residual_rad: FloatArray  # (T, 3)
 
 
 class OrientationTerm(Term):
@@ -116,7 +143,11 @@ class OrientationTerm(Term):
         joint, q = self._guess.joint, self._guess.q
         e = orientation_residual(joint, self._agreed(), q, self._source.R_world_part)[0]
         found = math.sqrt(float(np.median((e**2).sum(axis=1))) / CHI2_MEDIAN)
-        return max(found, self._source.first_scale)
+        return min(max(found, _LEAST_RAD), self._ceiling)
+
+    @property
+    def _ceiling(self) -> float:
+        return self._source.config.orientation_noise_limit * self._source.typical_rad
 
     def factors(self, variables: JointVariables, scale: float) -> list[gtsam.NonlinearFactor]:
         """One for all frames."""
@@ -143,26 +174,23 @@ class OrientationTerm(Term):
         """One step of expectation maximisation."""
         _, e2 = self._errors(at)
         power = float((weight(e2, self._source.config.dof, 3) * e2).sum()) / (3 * e2.size * freedom)
-        return max(at.scales[ORIENTATIONS] * math.sqrt(power), _LEAST_RAD)
+        return min(max(at.scales[ORIENTATIONS] * math.sqrt(power), _LEAST_RAD), self._ceiling)
 
     def contribution(self, at: At, freedom: float) -> OrientationContribution:
         """What the orientations say, the reference marginalised."""
         e, e2 = self._errors(at)
         dof, scale = self._source.config.dof, at.scales[ORIENTATIONS]
-        information, held, own_log_det = information_of(
-            self.factors(at.variables, scale), at, self.own
-        )
+        information, held, _ = information_of(self.factors(at.variables, scale), at, self.own)
+        errors = self._source.errors
         size = np.sqrt(np.maximum(e2, 1e-300))  # outliers are rejected: they are pulled in here
-        clipped = e * np.minimum(1.0, _CLIP * np.median(size) / size)[:, None]
+        clipped = e * np.minimum(1.0, OUTLIER_MEDIANS * np.median(size) / size)[:, None]
         seen = np.ones((len(e), 1), dtype=bool)
         frames_as_one, _ = correlation_time(clipped[:, None], seen, _HIDDEN, 1e-300)
         return OrientationContribution(
             information=information,
             held=held,
-            log_likelihood=e2.size * (log_normaliser(dof, 3) - 3 * math.log(scale))
-            - 0.5 * float(twice_negative_log_kernel(e2, dof, 3).sum()),
-            own_variables=3,
-            own_log_det=own_log_det,
+            log_correlated=errors.log_likelihood(clipped),  # the reference integrated out there
+            residual_rad=e,
             variance_fixed=frames_as_one * covariance_factor(e2, dof, 3, freedom),
             sigma_rad=scale,
             R_ref=at.values.atRot3(REFERENCE).matrix(),

@@ -101,6 +101,7 @@ class Contribution:
     information: FloatArray  # (d, d)
     held: FloatArray  # (F,) on each free state, all else held
     log_likelihood: float = 0.0  # normalised, at the best latents
+    log_correlated: float = 0.0  # likewise, with what errs together counted as such already
     log_latents: float = 0.0  # log of the width that the data leave the latents; flat prior
     own_variables: int = 0  # numbers beside the joint's that are marginalised by Laplace's method
     own_log_det: float = 0.0  # of the information on them, all else held
@@ -215,6 +216,10 @@ class Source(ABC):
     def recounted(self, as_one: float) -> Source:
         """Weighed for tracks of which so many observations count as one."""
         return self
+
+    def levelled(self, said: Sequence[Contribution]) -> list[Contribution]:
+        """What it said of each kind, in the same order, at a noise level that all kinds share."""
+        return list(said)
 
     def warnings(self, kind: str, q: FloatArray) -> list[str]:
         """What contradicts it in the states (T,) of a kind, counted as they grow."""

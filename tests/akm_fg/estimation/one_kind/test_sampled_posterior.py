@@ -49,7 +49,7 @@ def vague():
 @pytest.mark.parametrize("kind", KINDS)
 def test_origin_of_the_coordinates_is_the_solved_joint(kind, solved):
     fit, problem = solved[kind]
-    chart = JointChart.at(fit, problem.centroid_world)
+    chart = JointChart.at(fit.moving, problem.centroid_world)
     zero = np.zeros((1, chart.size))
     R, t = chart.joints(zero).motions(chart.distance * fit.q[None])
     R_joint, t_joint = fit.joint.motion(fit.q)
@@ -60,7 +60,7 @@ def test_origin_of_the_coordinates_is_the_solved_joint(kind, solved):
 @pytest.mark.parametrize("kind", KINDS)
 def test_unit_twists_are_the_derivative_of_the_motions(kind, solved):
     fit, problem = solved[kind]
-    chart = JointChart.at(fit, problem.centroid_world)
+    chart = JointChart.at(fit.moving, problem.centroid_world)
     joints = chart.joints(np.full((1, chart.size), 0.2))
     step = 1e-6
     R, t = joints.motions(np.array([[0.03, 0.03 + step]]))
@@ -72,7 +72,7 @@ def test_unit_twists_are_the_derivative_of_the_motions(kind, solved):
 @pytest.mark.parametrize("kind", KINDS)
 def test_frame_and_joints_agree_far_from_the_solved_joint(kind, solved):
     fit, problem = solved[kind]
-    chart = JointChart.at(fit, problem.centroid_world)
+    chart = JointChart.at(fit.moving, problem.centroid_world)
     u = np.array([0.3, -0.2, 0.4, 0.5, 0.01])[: chart.size]
     T, _ = chart.frame(u)
     joints = chart.joints(u[None])
@@ -88,7 +88,7 @@ def test_frame_and_joints_agree_far_from_the_solved_joint(kind, solved):
 def test_tangent_by_coordinates_is_the_derivative_of_the_axis_line(kind, solved):
     """Small steps of the coordinates move frame and line as the matrix says, gauge aside."""
     fit, problem = solved[kind]
-    chart = JointChart.at(fit, problem.centroid_world)
+    chart = JointChart.at(fit.moving, problem.centroid_world)
     u = np.array([0.2, -0.1, 0.3, 0.4, 0.01])[: chart.size]
     T, J = chart.frame(u)
     directions = [0, 1] if kind == "prismatic" else [0, 1, 3, 4]
@@ -129,7 +129,7 @@ def test_moments_are_those_of_a_grid():
     """A drawer has two tilts and a spread: the integral can be done by brute force."""
     truth = make_opening(1, "prismatic", 0.05, 10, noise_m=0.01, claimed_m=0.01)
     fit, problem = _fit(truth, "prismatic")
-    chart = JointChart.at(fit, problem.centroid_world)
+    chart = JointChart.at(fit.moving, problem.centroid_world)
     data = sampling._data(fit, problem, chart)
     cov = chart.covariance(fit)
     samples = sampling._sample(chart, cov, data)
