@@ -73,9 +73,15 @@ def fit_input(
     """
     if isinstance(data, Recording):
         recording = replace(data, name=name)
-        posterior = fit_recording(recording, seed, perception, config, stages=stages).posterior
-    elif isinstance(data, TracksInput):
+        return fit_recording(recording, seed, perception, config, stages=stages).posterior
+    if isinstance(data, TracksInput):
         posterior = fit_tracks(data.tracks, name, data.noise_known, seed, config)
     else:
         posterior = fit_poses(data, name, config)
-    return posterior
+    return _noted(posterior, data.notes)
+
+
+def _noted(posterior: ArticulationPosterior, notes: tuple[str, ...]) -> ArticulationPosterior:
+    """The posterior with what reading its input had to guess, before the fit's own warnings."""
+    fit = replace(posterior.fit, warnings=(*notes, *posterior.fit.warnings))
+    return replace(posterior, fit=fit)

@@ -162,6 +162,8 @@ class PoseTrack:
 
     p_world: FloatArray  # (T, 3) metres
     R_world_part: FloatArray | None = None  # (T, 3, 3), None where only positions are known
+    stamps_s: FloatArray | None = None  # (T,) from the first one, None where there are none
+    notes: tuple[str, ...] = ()  # what reading them had to guess or leave out
 
 
 @dataclass(frozen=True, slots=True)

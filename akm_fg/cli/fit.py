@@ -6,7 +6,7 @@ import sys
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import tyro
 
@@ -30,7 +30,7 @@ class FitArguments:
     """
 
     inputs: Annotated[tuple[Path, ...], tyro.conf.Positional]
-    """Recording folders, tracks (.npz) and pose logs (.log, .txt, .dat)."""
+    """Recording folders, tracks (.npz) and pose logs (.log, .txt, .csv, .tum, ...)."""
     json: str | None = None
     """Write one JSON object a line to this file; - is standard output (no table then)."""
     seed: int = 0
@@ -41,6 +41,10 @@ class FitArguments:
     frames: int | None = None
     """Take this many frames from the beginning of each recording, as an episode did that modelled
     before it went on; all if absent."""
+    quaternion: Literal["xyzw", "wxyz"] | None = None
+    """Order of the quaternions in pose logs, where it is not what the file's format says."""
+    unit: Literal["m", "mm"] | None = None
+    """Of positions in pose logs and tracks; found out from their size if absent."""
     config: Path | None = None
     """TOML file with settings that differ from the defaults, such as fit.dof = 4.0. All settings
     of a run are written beside OUT of --json OUT, as OUT.config.toml."""
@@ -119,9 +123,11 @@ def _fit_one(
     path: Path, arguments: FitArguments, config: AkmConfig, stages: Stages
 ) -> ArticulationPosterior:
     from akm_fg.io.inputs import read_input
+    from akm_fg.io.read_options import ReadOptions
     from akm_fg.pipeline import fit_input
 
-    data = read_input(path, arguments.frames)
+    options = ReadOptions(arguments.quaternion, arguments.unit)
+    data = read_input(path, arguments.frames, options)
     return fit_input(data, str(path), arguments.seed, config.fit, config.perception, stages)
 
 

@@ -6,22 +6,26 @@ from pathlib import Path
 
 from akm_fg.errors import InputError
 from akm_fg.io.pose_log import read_pose_log
+from akm_fg.io.read_options import ReadOptions
 from akm_fg.io.recording import read_recording
 from akm_fg.io.tracks import TracksInput, read_tracks
 from akm_fg.records import PoseTrack, Recording
 
 FitInput = Recording | TracksInput | PoseTrack
 
-POSE_LOG_SUFFIXES = (".log", ".txt", ".dat")
+POSE_LOG_SUFFIXES = (".log", ".txt", ".dat", ".csv", ".tsv", ".tum", ".kitti", ".traj")
 WHAT = "a recording folder, tracks (.npz), or a pose log (" + ", ".join(POSE_LOG_SUFFIXES) + ")"
 
 
-def read_input(path: Path, first_frames: int | None = None) -> FitInput:
-    """Read a recording (folder), tracks (.npz) or a pose log (.log, .txt, .dat).
+def read_input(
+    path: Path, first_frames: int | None = None, options: ReadOptions | None = None
+) -> FitInput:
+    """Read a recording (folder), tracks (.npz) or a pose log (.log, .txt, .csv, .tum, ...).
 
     Args:
         path: of the input.
         first_frames: take so many from a recording's beginning and no more; None: all.
+        options: what a person says of the input that its file does not.
 
     Raises:
         InputError: it does not exist, is none of the three, or is broken; or frames are asked for
@@ -41,6 +45,6 @@ def read_input(path: Path, first_frames: int | None = None) -> FitInput:
     if path.suffix.lower() == ".npz":
         return read_tracks(path)
     if path.suffix.lower() in POSE_LOG_SUFFIXES:
-        return read_pose_log(path)
+        return read_pose_log(path, options)
     ending = f"ends in {path.suffix!r}" if path.suffix else "has no ending that says what it is"
     raise InputError(path, ending, WHAT)

@@ -35,6 +35,7 @@ class TracksInput:
 
     tracks: PointTracks
     noise_known: bool
+    notes: tuple[str, ...] = ()  # what reading them had to guess or leave out
 
 
 def _load(path: Path) -> dict[str, NDArray[Any]]:
