@@ -43,7 +43,7 @@ def read_input(
     if first_frames is not None:
         raise InputError(path, "has no frames to choose from", "a recording folder with --frames")
     if path.suffix.lower() == ".npz":
-        return read_tracks(path)
+        return read_tracks(path, options)
     if path.suffix.lower() in POSE_LOG_SUFFIXES:
         return read_pose_log(path, options)
     ending = f"ends in {path.suffix!r}" if path.suffix else "has no ending that says what it is"

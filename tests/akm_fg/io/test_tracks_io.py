@@ -60,7 +60,8 @@ def with_entry(cov: np.ndarray, index: tuple[int, ...], value: float) -> np.ndar
 @pytest.mark.parametrize(
     ("arrays", "message"),
     [
-        ({"tracks": POINTS}, "has no `points`"),
+        ({"positions": POINTS}, "has no `points`, it holds `positions`"),
+        ({"points": POINTS, "tracks": POINTS}, "has both `points` and `tracks`"),
         ({"points": POINTS[0]}, "`points` has shape (5, 3)"),
         ({"points": POINTS[..., :2]}, "`points` has shape (4, 5, 2)"),
         ({"points": POINTS[:, :0]}, "`points` has shape (4, 0, 3)"),
