@@ -48,8 +48,12 @@ def write_beside(results: str | None, config: AkmConfig) -> None:
     Raises:
         OutputError: the disk refuses.
     """
-    if results is not None and results != "-":
+    if results is not None and results != "-" and not _is_device(Path(results)):
         write_tree(Path(results + SUFFIX), config, f"All settings behind {results}.")
+
+
+def _is_device(path: Path) -> bool:
+    return path.exists() and not path.is_file()
 
 
 def write_tree(path: Path, config: AkmConfig, of_what: str) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+import traceback
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -10,10 +11,13 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import tyro
 
-from akm_fg.cli.exit_codes import BAD_INPUT, DONE, INTERRUPTED
+from akm_fg.cli.config_argument import write_beside
+from akm_fg.cli.console.lines import complain, console
+from akm_fg.cli.exit_codes import BAD_INPUT, DONE, INTERRUPTED, UNDECIDED
 from akm_fg.cli.output import json_output, write_line
 from akm_fg.errors import AkmError, InputError, NoMotionObserved, OutputError
 from akm_fg.posterior import ArticulationPosterior
+from akm_fg.report.wording import printable
 
 if TYPE_CHECKING:
     from akm_fg.config import AkmConfig
@@ -26,7 +30,7 @@ class FitArguments:
 
     Finds kind, axis, pivot and states of the joint in each input, each with its uncertainty.
     An input that is broken, or shows no motion, gets one line on standard error; the others are
-    still done, and the exit code is 2.
+    still done, and the exit code is 2. It is 1 where a kind is undecided, 130 after Ctrl-C.
     """
 
     inputs: Annotated[tuple[Path, ...], tyro.conf.Positional]
@@ -50,9 +54,13 @@ class FitArguments:
     of a run are written beside OUT of --json OUT, as OUT.config.toml."""
     tracker: str | None = None
     """Of recordings, what follows points: flow, or another file of akm_fg/backends/trackers."""
+    debug: bool = False
+    """Show where in the program an input failed."""
     segmenter: str | None = None
     """Of recordings, what finds the object: depth, or another of akm_fg/backends/segmenters."""
 
+
+_CAUSE_LENGTH = 200  # characters of an unexpected error that go on its line
 
 Progress = Callable[[int, int, Path], None]
 """Is told of an input before it is fitted: its number from 1, of how many, and where it is."""
@@ -61,7 +69,9 @@ Progress = Callable[[int, int, Path], None]
 def show_progress(number: int, total: int, path: Path) -> None:
     """In one line of the terminal that is written over."""
     if sys.stderr.isatty() and total > 1:
-        print(f"\r\033[K{number}/{total} {path}", end="", file=sys.stderr, flush=True)
+        print(
+            f"\r\033[K{number}/{total} {printable(str(path))}", end="", file=sys.stderr, flush=True
+        )
 
 
 def fit(arguments: FitArguments, progress: Progress = show_progress) -> int:
@@ -69,43 +79,81 @@ def fit(arguments: FitArguments, progress: Progress = show_progress) -> int:
 
     Raises:
         InputError: no inputs, or a configuration that cannot be used.
-        OutputError: the JSON cannot be written.
+        OutputError: the JSON cannot be written; what was written before is kept.
     """
     if not arguments.inputs:
         raise InputError("fit", "no inputs", "at least one recording, .npz or pose log")
     from akm_fg.backends.registry import stages_of
-    from akm_fg.cli.config_argument import write_beside
 
     config = _config(arguments)
     stages = stages_of(config)
+    total = len(arguments.inputs)
     posteriors: list[ArticulationPosterior] = []
     code = DONE
-    with json_output(arguments.json) as stream:
-        write_beside(arguments.json, config)
+    with json_output(arguments.json) as results:
         try:
             for number, path in enumerate(arguments.inputs, 1):
-                progress(number, len(arguments.inputs), path)
-                try:
-                    posterior = _fit_one(path, arguments, config, stages)
-                except OutputError:
-                    raise
-                except AkmError as error:
-                    _complain(str(error))
+                progress(number, total, path)
+                posterior = _attempt(path, arguments, config, stages)
+                if posterior is None:
                     code = BAD_INPUT
                     continue
+                if results is not None:
+                    if not posteriors:
+                        write_beside(arguments.json, config)
+                    write_line(results, _line(posterior))
                 posteriors.append(posterior)
-                if stream is not None:
-                    write_line(stream, _line(posterior))
-                if posterior.kind == "rigid":
-                    _complain(str(_no_motion(posterior)))
-                    code = BAD_INPUT
+                code = max(code, _code(posterior))
         except KeyboardInterrupt:
-            _complain(f"interrupted; {len(posteriors)} of {len(arguments.inputs)} inputs done")
+            complain(f"interrupted; {_kept(len(posteriors), arguments)}")
             code = INTERRUPTED
+        except OutputError as error:
+            raise OutputError(f"{error}; {_kept(len(posteriors), arguments)}") from error
     _show_progress_done()
     if arguments.json != "-" and posteriors:
         _print_table(posteriors)
     return code
+
+
+def _attempt(
+    path: Path, arguments: FitArguments, config: AkmConfig, stages: Stages
+) -> ArticulationPosterior | None:
+    """One input's posterior; None where it has none, and a line has said why."""
+    try:
+        return _fit_one(path, arguments, config, stages)
+    except OutputError:
+        raise
+    except AkmError as error:
+        line = str(error)
+        complain(line if str(path) in line else f"{path}: {line}")
+        _show_where(arguments)
+    except Exception as error:  # one bad input never costs the others
+        cause = " ".join(f"{type(error).__name__}: {error}".split())[:_CAUSE_LENGTH]
+        hint = "" if arguments.debug else "; --debug shows where"
+        complain(f"{path}: could not be fitted ({cause}){hint}")
+        _show_where(arguments)
+    return None
+
+
+def _show_where(arguments: FitArguments) -> None:
+    """The traceback of the error that is being handled."""
+    if arguments.debug:
+        traceback.print_exc()
+
+
+def _code(posterior: ArticulationPosterior) -> int:
+    """What one posterior says of the exit code; a part that did not move is said, too."""
+    if posterior.kind == "rigid":
+        complain(str(_no_motion(posterior)))
+        return BAD_INPUT
+    return UNDECIDED if posterior.kind == "undecided" else DONE
+
+
+def _kept(done: int, arguments: FitArguments) -> str:
+    words = f"{done} of {len(arguments.inputs)} inputs done"
+    if done == 0 or arguments.json in (None, "-"):
+        return words
+    return f"{words}, kept in {arguments.json}"
 
 
 def _config(arguments: FitArguments) -> AkmConfig:
@@ -145,21 +193,12 @@ def _no_motion(posterior: ArticulationPosterior) -> NoMotionObserved:
 
 
 def _print_table(posteriors: list[ArticulationPosterior]) -> None:
-    from rich.console import Console
-
     from akm_fg.report.tables import posterior_table
 
-    console = Console()
-    if not console.is_terminal:
-        console = Console(width=160)
-    console.print(posterior_table(posteriors))
+    out = console()
+    out.print(posterior_table(posteriors, plain=out.options.ascii_only))
 
 
 def _show_progress_done() -> None:
     if sys.stderr.isatty():
         print("\r\033[K", end="", file=sys.stderr, flush=True)
-
-
-def _complain(line: str) -> None:
-    start = "\r\033[K" if sys.stderr.isatty() else ""
-    print(f"{start}akm-fg: {line}", file=sys.stderr)

@@ -2,19 +2,50 @@
 
 from __future__ import annotations
 
+import errno
 import logging
 import os
 import sys
 from collections.abc import Sequence
 
-from akm_fg.cli.exit_codes import BAD_INPUT, INTERRUPTED
+from akm_fg import __version__
+from akm_fg.cli.exit_codes import BAD_INPUT, DONE, INTERRUPTED, READER_LEFT
 
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run one command; the exit code says how it went.
 
-    0: done; 1: ran, goal not reached; 2: bad input; 130: interrupted.
+    0: done; 1: ran, goal not reached or kind undecided; 2: bad input; 130: interrupted.
     """
+    from akm_fg.cli.console.lines import complain, leave_broken_pipe, prepare_streams
+    from akm_fg.errors import AkmError
+
+    prepare_streams()
+    try:
+        code = _run(sys.argv[1:] if argv is None else list(argv))
+        sys.stdout.flush()
+        return code
+    except AkmError as error:
+        complain(str(error))
+        return BAD_INPUT
+    except KeyboardInterrupt:
+        complain("interrupted")
+        return INTERRUPTED
+    except BrokenPipeError:
+        leave_broken_pipe()
+        return READER_LEFT
+    except OSError as error:
+        if error.filename is not None or error.errno not in _WRITE_ERRORS:
+            raise
+        leave_broken_pipe()  # what could not be written would be tried again at exit
+        complain(f"standard output: cannot be written ({error.strerror})")
+        return BAD_INPUT
+
+
+def _run(argv: list[str]) -> int:
+    if argv == ["--version"]:
+        print(f"akm-fg {__version__}")
+        return DONE
     import tyro
 
     from akm_fg.cli.calibrate import CalibrateArguments, calibrate
@@ -22,11 +53,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     from akm_fg.cli.doctor import DoctorArguments, doctor
     from akm_fg.cli.fit import FitArguments, fit
     from akm_fg.cli.objects import ObjectsArguments, objects
-    from akm_fg.errors import AkmError
+    from akm_fg.errors import InputError
 
-    logging.basicConfig(
-        level=os.environ.get("AKM_FG_LOG", "WARNING").upper(), format="%(levelname)s %(message)s"
-    )
+    _set_up_log()
     arguments = tyro.extras.subcommand_cli_from_dict(
         {
             "demo": DemoArguments,
@@ -37,32 +66,41 @@ def main(argv: Sequence[str] | None = None) -> int:
         },
         prog="akm-fg",
         description=_DESCRIPTION,
-        args=None if argv is None else list(argv),
+        args=argv,
         config=(tyro.conf.OmitArgPrefixes, tyro.conf.FlagCreatePairsOff),
     )
-    try:
-        match arguments:
-            case DemoArguments():
-                return demo(arguments)
-            case FitArguments():
-                return fit(arguments)
-            case ObjectsArguments():
-                return objects(arguments)
-            case CalibrateArguments():
-                return calibrate(arguments)
-            case _:
-                return doctor(arguments)
-    except AkmError as error:
-        print(f"akm-fg: {error}", file=sys.stderr)
-        return BAD_INPUT
-    except KeyboardInterrupt:
-        print("akm-fg: interrupted", file=sys.stderr)
-        return INTERRUPTED
+    seed = getattr(arguments, "seed", 0)
+    if seed < 0:
+        raise InputError("--seed", f"is {seed}", "a whole number from 0 on")
+    match arguments:
+        case DemoArguments():
+            return demo(arguments)
+        case FitArguments():
+            return fit(arguments)
+        case ObjectsArguments():
+            return objects(arguments)
+        case CalibrateArguments():
+            return calibrate(arguments)
+        case _:
+            return doctor(arguments)
 
 
+def _set_up_log() -> None:
+    from akm_fg.errors import InputError
+
+    level = os.environ.get("AKM_FG_LOG", "WARNING").upper()
+    if level not in logging.getLevelNamesMapping():
+        raise InputError("AKM_FG_LOG", f"is {level!r}", "DEBUG, INFO, WARNING or ERROR")
+    logging.basicConfig(level=level, format="%(levelname)s %(message)s")
+
+
+_WRITE_ERRORS = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO, errno.EBADF)
 _DESCRIPTION = """Joints of unseen articulated objects from RGB-D, with honest covariances.
 
 Example: akm-fg fit recordings/* tracks.npz door.log --json posteriors.jsonl
+
+Exit codes: 0 done; 1 ran, but the goal was not reached or a kind is undecided; 2 bad input (the
+others are done); 130 interrupted (what was done is kept). akm-fg --version says which this is.
 """
 
 

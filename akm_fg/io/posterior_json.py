@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+from collections.abc import Iterator
 from dataclasses import asdict
 from typing import Any
 
@@ -23,9 +24,18 @@ SCHEMA = "akm-fg/posterior/1"
 def posterior_as_dict(posterior: ArticulationPosterior) -> dict[str, Any]:
     """Plain numbers, lists and strings; unknown is None.
 
-    `joint` and `states` are those of the most probable kind, named in `joint.kind`; `kind` itself
-    may be "undecided".
+    A number that is not finite is None too, and `fit.warnings` says where. `joint` and `states`
+    are those of the most probable kind, named in `joint.kind`; `kind` itself may be "undecided".
     """
+    fields = _fields(posterior)
+    lost = sorted({place for key, value in fields.items() for place in _not_finite(value, key)})
+    if lost:
+        fields["fit"]["warnings"].append("not finite, null here: " + ", ".join(lost))
+        fields = {key: _finite(value) for key, value in fields.items()}
+    return fields
+
+
+def _fields(posterior: ArticulationPosterior) -> dict[str, Any]:
     best = posterior.best
     most_probable = next(k for k, v in posterior.alternatives.items() if v is best)
     return {
@@ -104,3 +114,24 @@ def _joint(joint: JointPosterior | None) -> dict[str, Any] | None:
 
 def _numbers(values: FloatArray) -> list[float | None]:
     return [float(v) if np.isfinite(v) else None for v in values]
+
+
+def _not_finite(value: Any, place: str) -> Iterator[str]:
+    """Where numbers are that JSON does not have; entries of lists by the list's name."""
+    if isinstance(value, dict):
+        for key, inner in value.items():
+            yield from _not_finite(inner, f"{place}.{key}")
+    elif isinstance(value, list):
+        for inner in value:
+            yield from _not_finite(inner, place)
+    elif isinstance(value, float) and not math.isfinite(value):
+        yield place
+
+
+def _finite(value: Any) -> Any:
+    """The same with None for what is not finite."""
+    if isinstance(value, dict):
+        return {key: _finite(inner) for key, inner in value.items()}
+    if isinstance(value, list):
+        return [_finite(inner) for inner in value]
+    return None if isinstance(value, float) and not math.isfinite(value) else value

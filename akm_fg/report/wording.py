@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+import re
+import unicodedata
 from typing import Literal
 
 import numpy as np
@@ -11,6 +13,28 @@ from akm_fg.records import FloatArray
 
 NONE = "–"
 Unit = Literal["m", "rad"]
+_ASCII = str.maketrans(
+    {"±": "+-", "°": " deg", "−": "-", "–": "-", "×": "x", "·": " ", "…": "...", "≥": ">="}
+    | {"\N{NO-BREAK SPACE}": " "}
+    | dict(zip("⁻⁰¹²³⁴⁵⁶⁷⁸⁹", "-0123456789", strict=True))
+)
+
+
+def ascii_text(text: str) -> str:
+    """The text in characters that every terminal has, as far as this module's words go."""
+    return re.sub("·10(?=[⁻⁰¹²³⁴⁵⁶⁷⁸⁹])", "e", text).translate(_ASCII)
+
+
+_UNPRINTABLE = frozenset({"Cc", "Cf", "Cs", "Zl", "Zp"})
+"""Control characters, those that turn the direction of text, and ends of lines."""
+
+
+def printable(text: str) -> str:
+    """The text with control characters escaped, so that it stays one line and only text."""
+    return "".join(
+        c.encode("unicode_escape").decode() if unicodedata.category(c) in _UNPRINTABLE else c
+        for c in text
+    )
 
 
 def unit_name(unit: Unit) -> str:

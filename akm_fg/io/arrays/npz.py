@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from akm_fg.errors import InputError
-from akm_fg.io.file_kind import looks_like
+from akm_fg.io.files.kind import looks_like
 
 MAX_NUMBERS = 2**25
 """Of one array of points: a thousand frames of ten thousand points."""

@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 
 from akm_fg.errors import InputError
-from akm_fg.io.file_kind import looks_like
+from akm_fg.io.files.kind import looks_like
 from akm_fg.records import FloatArray
 
 ROW = (

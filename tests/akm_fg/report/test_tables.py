@@ -46,3 +46,29 @@ def test_the_score_stands_beside_its_bound(scenes):
 
 def test_a_run_without_posterior_gives_an_empty_table(scenes):
     assert score_table(scenes.summary("revolute", posterior=None, rounds=())).row_count == 0
+
+
+def test_vectors_stay_on_one_line_in_eighty_columns_beside_long_names(scenes):
+    names = [f"/data/{'kitchen-' * 6}{i}/recording" for i in range(2)]
+    posteriors = [replace(scenes.posterior("revolute"), name=name) for name in names]
+    text = show(posterior_table(posteriors), width=80)
+    assert max(map(len, text.splitlines())) <= 80
+    assert text.count("(0.010, 0.000, 1.000)") == 2 or text.count(", 1.000)") == 2
+    assert "/data" not in text  # what the names share
+
+
+def test_a_table_in_ascii_says_the_same(scenes):
+    posteriors = [scenes.posterior("revolute", warnings=("grün",)), scenes.posterior("prismatic")]
+    console = Console(width=80, file=io.TextIOWrapper(io.BytesIO(), "ascii", "backslashreplace"))
+    console.print(posterior_table(posteriors, plain=True))
+    console.file.flush()
+    text = console.file.buffer.getvalue().decode("ascii")
+    for piece in ("> 99.9 %", "+- 1.4 deg", "+- 0.98 cm", "23.97 cm"):
+        assert piece in text
+
+
+def test_control_characters_of_a_name_are_escaped(scenes):
+    posterior = replace(scenes.posterior("revolute"), name="a\x1b[2Jb\nc\u202e")
+    text = show(posterior_table([posterior]))
+    assert "\x1b" not in text and "\u202e" not in text
+    assert r"a\x1b[2Jb\nc\u202e" in text

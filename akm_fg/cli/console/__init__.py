@@ -1,0 +1,1 @@
+"""What people read: lines that cannot break a terminal, on streams that take them."""

@@ -1,0 +1,1 @@
+"""What files look like, and how results come whole onto a disk."""
