@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from collections.abc import Callable
+from dataclasses import dataclass, replace
 
 from akm_fg.estimation.config import FitConfig
 from akm_fg.estimation.fit import fit_poses, fit_tracks
@@ -10,10 +11,14 @@ from akm_fg.estimation.sources.state_knowledge import StateKnowledge
 from akm_fg.io.inputs import FitInput
 from akm_fg.io.tracks import TracksInput
 from akm_fg.perception.config import PerceptionConfig
+from akm_fg.perception.observed import ObservedMotion
 from akm_fg.posterior import ArticulationPosterior
 from akm_fg.records import Recording
 from akm_fg.stages import ModelSettings, RecordingFit, Sources, Stages
 from akm_fg.stream.seen_so_far import SeenSoFar, hands_of
+
+Watched = Callable[[int, int], None]
+"""Is told after each frame of a recording: how many are done, of how many."""
 
 
 def fit_recording(
@@ -24,6 +29,7 @@ def fit_recording(
     sources: Sources = "both",
     states: StateKnowledge | None = None,
     stages: Stages | None = None,
+    watched: Watched | None = None,
 ) -> RecordingFit:
     """Mask, track and lift frame by frame; then segment, and fit the moving part's joint.
 
@@ -35,6 +41,7 @@ def fit_recording(
         sources: what enters the graph: tracks, the surfaces of keyframes (surface), or both.
         states: what is known of the joint's motion and limits.
         stages: who masks, tracks and estimates; see `akm_fg.stages`.
+        watched: is told after each frame how many of how many are done.
 
     Raises:
         TracksLost: no object, or nothing on it could be followed and depth shows no motion.
@@ -45,9 +52,20 @@ def fit_recording(
     settings = ModelSettings(perception, fit_config, sources, states, seed)
     seen = SeenSoFar(recording.name, settings, stages)
     masks = recording.object_masks or [None] * len(recording.frames)
-    for frame, hand, mask in zip(recording.frames, hands_of(recording), masks, strict=True):
+    hands = hands_of(recording)
+    for i, (frame, hand, mask) in enumerate(zip(recording.frames, hands, masks, strict=True), 1):
         seen.watch(frame, hand, mask)
+        if watched is not None:
+            watched(i, len(recording.frames))
     return seen.answer()
+
+
+@dataclass(frozen=True, slots=True)
+class InputFit:
+    """The posterior of an input, and of a recording what was seen in it."""
+
+    posterior: ArticulationPosterior
+    observed: ObservedMotion | None = None
 
 
 def fit_input(
@@ -58,7 +76,20 @@ def fit_input(
     perception: PerceptionConfig | None = None,
     stages: Stages | None = None,
 ) -> ArticulationPosterior:
-    """The posterior of any input of `akm-fg fit`.
+    """The posterior of any input of `akm-fg fit`; see `observe_and_fit`."""
+    return observe_and_fit(data, name, seed, config, perception, stages).posterior
+
+
+def observe_and_fit(
+    data: FitInput,
+    name: str,
+    seed: int = 0,
+    config: FitConfig | None = None,
+    perception: PerceptionConfig | None = None,
+    stages: Stages | None = None,
+    watched: Watched | None = None,
+) -> InputFit:
+    """The posterior of any input of `akm-fg fit`, and of a recording what was seen.
 
     Args:
         data: a recording, tracks or poses.
@@ -67,18 +98,20 @@ def fit_input(
         config: tuning of the estimator.
         perception: of a recording, tuning of the way from images to tracks and surfaces.
         stages: of a recording, who masks, tracks and estimates.
+        watched: of a recording, is told after each frame how many of how many are done.
 
     Raises:
         InsufficientData: the data are sound but do not suffice.
     """
     if isinstance(data, Recording):
         recording = replace(data, name=name)
-        return fit_recording(recording, seed, perception, config, stages=stages).posterior
+        fit = fit_recording(recording, seed, perception, config, stages=stages, watched=watched)
+        return InputFit(fit.posterior, fit.observed)
     if isinstance(data, TracksInput):
         posterior = fit_tracks(data.tracks, name, data.noise_known, seed, config)
     else:
         posterior = fit_poses(data, name, config)
-    return _noted(posterior, data.notes)
+    return InputFit(_noted(posterior, data.notes))
 
 
 def _noted(posterior: ArticulationPosterior, notes: tuple[str, ...]) -> ArticulationPosterior:

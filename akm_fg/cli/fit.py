@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-import sys
+import shlex
 import traceback
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
@@ -20,6 +20,7 @@ from akm_fg.posterior import ArticulationPosterior
 from akm_fg.report.wording import printable
 
 if TYPE_CHECKING:
+    from akm_fg.cli.fitting.progress import Progress
     from akm_fg.config import AkmConfig
     from akm_fg.stages import Stages
 
@@ -37,6 +38,9 @@ class FitArguments:
     """Recording folders, tracks (.npz) and pose logs (.log, .txt, .csv, .tum, ...)."""
     json: str | None = None
     """Write one JSON object a line to this file; - is standard output (no table then)."""
+    out: Path | None = None
+    """Folder for report.html, posterior.json, config.toml and, of recordings, pictures; of several
+    inputs each gets its own in it."""
     seed: int = 0
     """Of the random sampling inside the estimator."""
     grasp: bool = False
@@ -54,53 +58,61 @@ class FitArguments:
     of a run are written beside OUT of --json OUT, as OUT.config.toml."""
     tracker: str | None = None
     """Of recordings, what follows points: flow, or another file of akm_fg/backends/trackers."""
-    debug: bool = False
-    """Show where in the program an input failed."""
     segmenter: str | None = None
     """Of recordings, what finds the object: depth, or another of akm_fg/backends/segmenters."""
+    debug: bool = False
+    """Show where in the program an input failed."""
 
 
 _CAUSE_LENGTH = 200  # characters of an unexpected error that go on its line
 
-Progress = Callable[[int, int, Path], None]
+Announce = Callable[[int, int, Path], None]
 """Is told of an input before it is fitted: its number from 1, of how many, and where it is."""
 
 
-def show_progress(number: int, total: int, path: Path) -> None:
-    """In one line of the terminal that is written over."""
-    if sys.stderr.isatty() and total > 1:
-        print(
-            f"\r\033[K{number}/{total} {printable(str(path))}", end="", file=sys.stderr, flush=True
-        )
+@dataclass(frozen=True)
+class _Batch:
+    """What all inputs of one command have in common."""
+
+    arguments: FitArguments
+    config: AkmConfig
+    stages: Stages
+    folders: Sequence[Path] | None  # one an input, where something is to be left
+    progress: Progress
 
 
-def fit(arguments: FitArguments, progress: Progress = show_progress) -> int:
+def fit(arguments: FitArguments, progress: Announce | None = None) -> int:
     """Run the command.
+
+    Args:
+        arguments: of the command line.
+        progress: is told of each input instead of standard error.
 
     Raises:
         InputError: no inputs, or a configuration that cannot be used.
-        OutputError: the JSON cannot be written; what was written before is kept.
+        OutputError: a result cannot be written; what was written before is kept.
     """
     if not arguments.inputs:
         raise InputError("fit", "no inputs", "at least one recording, .npz or pose log")
-    from akm_fg.backends.registry import stages_of
+    from akm_fg.cli.fitting.progress import Progress
 
-    config = _config(arguments)
-    stages = stages_of(config)
+    shown = Progress(steps_as_lines=arguments.out is not None)
+    batch = _batch(arguments, shown)
     total = len(arguments.inputs)
+    announce = shown.input if progress is None else progress
     posteriors: list[ArticulationPosterior] = []
     code = DONE
     with json_output(arguments.json) as results:
         try:
             for number, path in enumerate(arguments.inputs, 1):
-                progress(number, total, path)
-                posterior = _attempt(path, arguments, config, stages)
+                announce(number, total, path)
+                posterior = _attempt(batch, number - 1)
                 if posterior is None:
                     code = BAD_INPUT
                     continue
                 if results is not None:
                     if not posteriors:
-                        write_beside(arguments.json, config)
+                        write_beside(arguments.json, batch.config)
                     write_line(results, _line(posterior))
                 posteriors.append(posterior)
                 code = max(code, _code(posterior))
@@ -109,36 +121,80 @@ def fit(arguments: FitArguments, progress: Progress = show_progress) -> int:
             code = INTERRUPTED
         except OutputError as error:
             raise OutputError(f"{error}; {_kept(len(posteriors), arguments)}") from error
-    _show_progress_done()
+    shown.done()
     if arguments.json != "-" and posteriors:
-        _print_table(posteriors)
+        _print_table(posteriors, batch.folders)
     return code
 
 
-def _attempt(
-    path: Path, arguments: FitArguments, config: AkmConfig, stages: Stages
-) -> ArticulationPosterior | None:
+def _batch(arguments: FitArguments, progress: Progress) -> _Batch:
+    from akm_fg.backends.registry import stages_of
+
+    config = _config(arguments)
+    stages = stages_of(config)
+    folders = None
+    if arguments.out is not None:
+        from akm_fg.cli.fitting.folder import folders_of, make_folder
+
+        make_folder(arguments.out)
+        folders = folders_of(arguments.out, arguments.inputs)
+    return _Batch(arguments, config, stages, folders, progress)
+
+
+def _attempt(batch: _Batch, index: int) -> ArticulationPosterior | None:
     """One input's posterior; None where it has none, and a line has said why."""
+    path, debug = batch.arguments.inputs[index], batch.arguments.debug
     try:
-        return _fit_one(path, arguments, config, stages)
+        return _fit_one(batch, index)
     except OutputError:
         raise
     except AkmError as error:
         line = str(error)
         complain(line if str(path) in line else f"{path}: {line}")
-        _show_where(arguments)
+        _show_where(debug)
     except Exception as error:  # one bad input never costs the others
         cause = " ".join(f"{type(error).__name__}: {error}".split())[:_CAUSE_LENGTH]
-        hint = "" if arguments.debug else "; --debug shows where"
-        complain(f"{path}: could not be fitted ({cause}){hint}")
-        _show_where(arguments)
+        complain(
+            f"{path}: could not be fitted ({cause})" + ("" if debug else "; --debug shows where")
+        )
+        _show_where(debug)
     return None
 
 
-def _show_where(arguments: FitArguments) -> None:
+def _show_where(debug: bool) -> None:
     """The traceback of the error that is being handled."""
-    if arguments.debug:
+    if debug:
         traceback.print_exc()
+
+
+def _fit_one(batch: _Batch, index: int) -> ArticulationPosterior:
+    from akm_fg import pipeline
+    from akm_fg.io.inputs import read_input
+    from akm_fg.io.read_options import ReadOptions
+
+    arguments, config = batch.arguments, batch.config
+    path, seed = arguments.inputs[index], arguments.seed
+    options = ReadOptions(arguments.quaternion, arguments.unit)
+    data = read_input(path, arguments.frames, options)
+    watched, settings = batch.progress.watched, (config.fit, config.perception, batch.stages)
+    fit = pipeline.observe_and_fit(data, str(path), seed, *settings, watched)
+    if batch.folders is not None:
+        from akm_fg.cli.fitting.folder import write_folder
+
+        folder = batch.folders[index]
+        batch.progress.writing(folder)
+        write_folder(folder, data, fit, seed, _command(arguments, path), config)
+    return fit.posterior
+
+
+def _command(arguments: FitArguments, path: Path) -> str:
+    """That gives this input's posterior again."""
+    words = ["akm-fg fit", shlex.quote(str(path)), f"--seed {arguments.seed}"]
+    words += ["--grasp"] * arguments.grasp
+    for flag in ("frames", "quaternion", "unit", "config", "tracker", "segmenter"):
+        given = getattr(arguments, flag)
+        words += [] if given is None else [f"--{flag} {shlex.quote(str(given))}"]
+    return " ".join(words)
 
 
 def _code(posterior: ArticulationPosterior) -> int:
@@ -151,9 +207,9 @@ def _code(posterior: ArticulationPosterior) -> int:
 
 def _kept(done: int, arguments: FitArguments) -> str:
     words = f"{done} of {len(arguments.inputs)} inputs done"
-    if done == 0 or arguments.json in (None, "-"):
-        return words
-    return f"{words}, kept in {arguments.json}"
+    files = None if arguments.json == "-" else arguments.json
+    places = [str(place) for place in (files, arguments.out) if place is not None]
+    return f"{words}, kept in {' and '.join(places)}" if done and places else words
 
 
 def _config(arguments: FitArguments) -> AkmConfig:
@@ -165,18 +221,6 @@ def _config(arguments: FitArguments) -> AkmConfig:
     if arguments.grasp and config.fit.grasp is None:
         config = replace(config, fit=replace(config.fit, grasp=GraspConfig()))
     return config
-
-
-def _fit_one(
-    path: Path, arguments: FitArguments, config: AkmConfig, stages: Stages
-) -> ArticulationPosterior:
-    from akm_fg.io.inputs import read_input
-    from akm_fg.io.read_options import ReadOptions
-    from akm_fg.pipeline import fit_input
-
-    options = ReadOptions(arguments.quaternion, arguments.unit)
-    data = read_input(path, arguments.frames, options)
-    return fit_input(data, str(path), arguments.seed, config.fit, config.perception, stages)
 
 
 def _line(posterior: ArticulationPosterior) -> str:
@@ -192,13 +236,13 @@ def _no_motion(posterior: ArticulationPosterior) -> NoMotionObserved:
     )
 
 
-def _print_table(posteriors: list[ArticulationPosterior]) -> None:
+def _print_table(posteriors: list[ArticulationPosterior], folders: Sequence[Path] | None) -> None:
     from akm_fg.report.tables import posterior_table
 
     out = console()
     out.print(posterior_table(posteriors, plain=out.options.ascii_only))
-
-
-def _show_progress_done() -> None:
-    if sys.stderr.isatty():
-        print("\r\033[K", end="", file=sys.stderr, flush=True)
+    for folder in folders or ():
+        if (folder / "report.html").exists():
+            out.print(
+                f"report: {printable(str(folder / 'report.html'))}", soft_wrap=True, markup=False
+            )

@@ -16,7 +16,9 @@ from jinja2 import Environment, PackageLoader, StrictUndefined, Template
 from markupsafe import Markup
 
 from akm_fg.posterior import normal_bound
+from akm_fg.records import Recording
 from akm_fg.report.overlay import Colour, OverlayConfig, region_name
+from akm_fg.report.path_plot import paths_svg
 from akm_fg.report.pictures import axis_note, band_magnification, pictures
 from akm_fg.report.plots import kinds_svg, states_svg
 from akm_fg.report.rows import score_rows, target_words
@@ -54,8 +56,8 @@ def render_page(summary: RunSummary, config: OverlayConfig | None = None) -> str
         verdict=verdict(summary),
         warnings=() if posterior is None else posterior.fit.warnings,
         legend=_legend(summary, config),
-        pictures=pictures(summary, config),
-        axis_note=axis_note(summary, config),
+        pictures=() if summary.recording is None else pictures(summary, config),
+        axis_note=None if summary.recording is None else axis_note(summary, config),
         rows=score_rows(summary),
         plots=_plots(summary),
         target="" if goal is None else target_words(goal),
@@ -89,6 +91,8 @@ def _with_its_unit(value: object) -> object:
 
 
 def _legend(summary: RunSummary, config: OverlayConfig) -> list[_Legend]:
+    if summary.recording is None:
+        return []
     items = []
     tracks = summary.tracks
     if tracks is not None:
@@ -115,6 +119,10 @@ def _legend(summary: RunSummary, config: OverlayConfig) -> list[_Legend]:
 def _plots(summary: RunSummary) -> list[tuple[Markup, str]]:
     """Each plot and its caption."""
     plots = []
+    paths = paths_svg(summary)
+    if paths is not None:
+        words = "Where the points went, seen along the axis and from its side; the axis in colour."
+        plots.append((Markup(paths), words))
     states = states_svg(summary)
     if states is not None:
         plots.append((Markup(states), "State over time, and the size of its uncertainty."))
@@ -145,7 +153,11 @@ def _rounds(summary: RunSummary) -> list[tuple[str, tuple[str, ...]]]:
 
 def _facts(summary: RunSummary) -> list[tuple[str, str]]:
     rows = [("version", summary.version), ("seed", str(summary.seed))]
-    rows.append(("recording", f"{summary.recording.name}, {_clip(summary)}"))
+    if summary.recording is not None:
+        rows.append(("recording", f"{summary.recording.name}, {_clip(summary.recording)}"))
+    elif summary.paths is not None:
+        frames, points = summary.paths.p_world.shape[:2]
+        rows.append(("input", f"{points} point{'s' * (points != 1)} in {frames} frames"))
     if summary.posterior is not None:
         fit = summary.posterior.fit
         rows.append(
@@ -174,7 +186,7 @@ def _arm_facts(arm: ArmRecord | None) -> list[tuple[str, str]]:
     return rows
 
 
-def _clip(summary: RunSummary) -> str:
-    stamps = np.array([frame.stamp_s for frame in summary.recording.frames])
-    camera = summary.recording.frames[0].camera
+def _clip(recording: Recording) -> str:
+    stamps = np.array([frame.stamp_s for frame in recording.frames])
+    camera = recording.frames[0].camera
     return f"{len(stamps)} frames of {camera.width}×{camera.height}, {np.ptp(stamps):.1f} s"

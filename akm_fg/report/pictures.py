@@ -8,6 +8,7 @@ import cv2
 import numpy as np
 
 from akm_fg.posterior import JointPosterior, normal_bound
+from akm_fg.records import Recording
 from akm_fg.report.axis_image import ELLIPSE_SIGMAS, axis_of_joint
 from akm_fg.report.overlay import Image, OverlayConfig, draw_frame, enlargement, region_name
 from akm_fg.report.summary import RunSummary
@@ -28,7 +29,7 @@ class Picture:
 
 def shown_frames(summary: RunSummary) -> tuple[int, ...]:
     """The end of the pull first, then the beginning and the end of the run; none twice."""
-    n = len(summary.recording.frames)
+    n = summary.frame_count
     turn = summary.closed_loop_frame
     pull_end = n - 1 if turn is None else max(turn - 1, 0)
     start = (0,) if n > 1 else ()
@@ -43,7 +44,7 @@ def pictures(summary: RunSummary, config: OverlayConfig | None = None) -> tuple[
 
 
 def _picture(summary: RunSummary, index: int, config: OverlayConfig) -> Picture:
-    frames = summary.recording.frames
+    frames = _recording(summary).frames
     states, q = summary.frame_states, _state_at(summary, index)
     joint = summary.posterior.best.joint if summary.posterior is not None else None
     factor = band_magnification(summary, config)
@@ -58,6 +59,12 @@ def _picture(summary: RunSummary, index: int, config: OverlayConfig) -> Picture:
         words.append("points were not tracked here")
     height, width = image.shape[:2]
     return Picture(_jpeg(image, config.jpeg_quality), ", ".join(words) + ".", width, height)
+
+
+def _recording(summary: RunSummary) -> Recording:
+    if summary.recording is None:
+        raise ValueError("a run without images has no pictures")
+    return summary.recording
 
 
 def _state_at(summary: RunSummary, index: int) -> float:
@@ -121,7 +128,7 @@ def _half_width_px(summary: RunSummary, config: OverlayConfig) -> float | None:
     if joint is None:
         return None
     index = shown_frames(summary)[0]
-    frame = summary.recording.frames[index]
+    frame = _recording(summary).frames[index]
     reach = config.reach_m if joint.turns else config.arrow_m
     q = _state_at(summary, index)
     axis = axis_of_joint(joint, q, frame.camera, frame.T_world_cam, reach)

@@ -17,11 +17,11 @@ from akm_fg.report.score import aligned_truth
 from akm_fg.report.summary import RunSummary
 from akm_fg.report.wording import log10_odds, probability, to_person, unit_name
 
-_ESTIMATE = "#c2006f"
+ESTIMATE = "#c2006f"
 _TRUTH = "#111111"
 _TARGET = "#1a7f37"
 _PHASES = {"pull": "#fff3e0", "closed loop": "#e3f2fd"}
-_STYLE: dict[Any, Any] = {"font.size": 10, "svg.fonttype": "path", "axes.spines.top": False,
+STYLE: dict[Any, Any] = {"font.size": 10, "svg.fonttype": "path", "axes.spines.top": False,
           "axes.spines.right": False, "figure.constrained_layout.use": True}  # fmt: skip
 
 
@@ -34,19 +34,20 @@ def states_svg(summary: RunSummary) -> str | None:
     states = summary.frame_states
     if states is None or not np.isfinite(states.mean).any():
         return None
-    stamps = np.array([frame.stamp_s for frame in summary.recording.frames])
-    with matplotlib.rc_context(_STYLE):
+    numbers = np.arange(summary.frame_count, dtype=np.float64)
+    time_s = numbers if summary.times_s is None else summary.times_s
+    with matplotlib.rc_context(STYLE):
         figure = Figure(figsize=(4.4, 4.6))
         top, bottom = figure.subplots(2, 1, sharex=True, height_ratios=(5, 3))
-        time_s = stamps - stamps[0]
         true = _true_states(summary, states)
         _shade_phases(top, bottom, summary, time_s)
         time_s = time_s[: len(states.mean)]
         _draw_states(top, time_s, states, true)
         _draw_goal(top, summary, states)
         _draw_errors(bottom, time_s, states, true)
+        bottom.set_xlabel("frame" if summary.times_s is None else "time [s]")
         _finish(top, states)
-        return _svg(figure, "states")
+        return as_svg(figure, "states")
 
 
 def _true_states(summary: RunSummary, states: StatePosterior) -> FloatArray | None:
@@ -80,10 +81,10 @@ def _draw_states(
     mean = to_person(states.mean, states.unit)
     half = normal_bound() * to_person(states.sd, states.unit)
     axes.fill_between(
-        time_s, mean - half, mean + half, color=_ESTIMATE, alpha=0.25, lw=0,
+        time_s, mean - half, mean + half, color=ESTIMATE, alpha=0.25, lw=0,
         label="95 % band",
     )  # fmt: skip
-    axes.plot(time_s, mean, ".-", color=_ESTIMATE, lw=1.2, ms=3, label="estimate")
+    axes.plot(time_s, mean, ".-", color=ESTIMATE, lw=1.2, ms=3, label="estimate")
     if true is not None:
         axes.plot(time_s, to_person(true, states.unit), "--", color=_TRUTH, lw=1.2, label="truth")
 
@@ -103,16 +104,15 @@ def _draw_errors(
     """The band alone, on its own scale: on the scale of the motion it is thinner than a line."""
     half = normal_bound() * to_person(states.sd, states.unit)
     half = np.where(np.isfinite(states.mean), half, np.nan)
-    axes.fill_between(time_s, -half, half, color=_ESTIMATE, alpha=0.25, lw=0)
-    axes.plot(time_s, half, ".", time_s, -half, ".", color=_ESTIMATE, ms=2, alpha=0.6)
-    axes.axhline(0, color=_ESTIMATE, lw=0.8)
+    axes.fill_between(time_s, -half, half, color=ESTIMATE, alpha=0.25, lw=0)
+    axes.plot(time_s, half, ".", time_s, -half, ".", color=ESTIMATE, ms=2, alpha=0.6)
+    axes.axhline(0, color=ESTIMATE, lw=0.8)
     label = "95 % band"
     if true is not None:
         error = to_person(states.mean - true, states.unit)
         axes.plot(time_s, error, ".--", color=_TRUTH, lw=0.8, ms=3)
         label = "estimate − truth"
     axes.set_ylabel(f"{label} [{unit_name(states.unit)}]")
-    axes.set_xlabel("time [s]")
 
 
 def _finish(axes: Axes, states: StatePosterior) -> None:
@@ -129,12 +129,12 @@ def kinds_svg(posterior: ArticulationPosterior, decided_from: float) -> str:
         decided_from: probability from which a kind is named, marked by a line.
     """
     probabilities = posterior.kind_probability
-    with matplotlib.rc_context(_STYLE):
+    with matplotlib.rc_context(STYLE):
         figure = Figure(figsize=(4.4, 0.8 + 0.6 * len(probabilities)))
         axes = figure.subplots()
         for i, (kind, p) in enumerate(probabilities.items()):
             others = sum(q for k, q in probabilities.items() if k != kind)
-            axes.barh(i, p, color=_ESTIMATE if p >= decided_from else "#9a9a9a", height=0.55)
+            axes.barh(i, p, color=ESTIMATE if p >= decided_from else "#9a9a9a", height=0.55)
             text = f"{probability(p)}\nlog₁₀ odds {log10_odds(p, others)}"
             if kind not in posterior.alternatives:
                 text = "not fitted"
@@ -145,10 +145,10 @@ def kinds_svg(posterior: ArticulationPosterior, decided_from: float) -> str:
         axes.set_xticks([0, 0.5, 1], ["0", "0.5", "1"])
         axes.set_xlabel("probability")
         axes.set_ylim(len(probabilities) - 0.5, -0.5)
-        return _svg(figure, "kinds")
+        return as_svg(figure, "kinds")
 
 
-def _svg(figure: Figure, name: str) -> str:
+def as_svg(figure: Figure, name: str) -> str:
     """The figure as an element of the page: no prolog, no metadata, no references."""
     buffer = io.BytesIO()
     metadata: dict[str, Any] = {"Date": None}

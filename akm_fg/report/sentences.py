@@ -13,7 +13,9 @@ _NEEDED = f"{100 * CONFIDENCE:.0f} %"
 
 def what_was_done(summary: RunSummary) -> str:
     """The run in one sentence."""
-    frames = len(summary.recording.frames)
+    if summary.paths is not None:
+        return _of_paths(*summary.paths.p_world.shape[:2])
+    frames = summary.frame_count
     count = 0 if summary.tracks is None else summary.tracks.pixels.visible.shape[1]
     watched = f"{count} points followed through {_frames(frames)} of one fixed RGB-D camera"
     watched += _surface_words(summary)
@@ -32,6 +34,14 @@ def what_was_done(summary: RunSummary) -> str:
     if not summary.rounds:
         return f"{learnt}, and was to move the part to {goal}."
     return f"{learnt}, and then moved the part towards {goal}, looking again after each move."
+
+
+def _of_paths(frames: int, points: int) -> str:
+    what = "the path of one point" if points == 1 else f"{points} points followed"
+    return (
+        f"From {what} through {_frames(frames)}, a factor graph worked out what moved and how: the "
+        "kind of joint, its axis, and its state in every frame, each with its uncertainty."
+    )
 
 
 def _surface_words(summary: RunSummary) -> str:
@@ -138,7 +148,7 @@ def reading(summary: RunSummary) -> list[tuple[str, str]]:
         ("State", _state_words(summary)),
     ]
     joint = summary.posterior.best.joint if summary.posterior is not None else None
-    if joint is not None:
+    if joint is not None and summary.recording is not None:
         rows.append(("Axis in the pictures", _axis_words(joint.kind)))
     return rows + (_plot_words() if summary.posterior is not None else [])
 

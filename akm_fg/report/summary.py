@@ -12,7 +12,7 @@ from typing import Literal
 import numpy as np
 
 from akm_fg.posterior import ArticulationPosterior, StatePosterior
-from akm_fg.records import BoolArray, JointTruth, PixelTracks, Recording, RoundSummary
+from akm_fg.records import BoolArray, FloatArray, JointTruth, PixelTracks, Recording, RoundSummary
 
 CONFIDENCE = 0.95
 """A run says that it reached the target from this probability on (DESIGN: closed loop)."""
@@ -38,6 +38,14 @@ class PartTracks:
         _require(self.moving.shape == want, f"moving {self.moving.shape}, expected {want}")
         _require(self.static.shape == want, f"static {self.static.shape}, expected {want}")
         _require(not (self.moving & self.static).any(), "a track is both moving and static")
+
+
+@dataclass(frozen=True, slots=True)
+class PointPaths:
+    """Points in space where there are no images: those of tracks, or the one of a pose log."""
+
+    p_world: FloatArray  # (T, N, 3) metres, NaN where lost
+    stamps_s: FloatArray | None = None  # (T,) from the first frame on
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,9 +78,10 @@ class RunSummary:
     command: str  # that repeats the run
     seed: int
     version: str
-    recording: Recording
+    recording: Recording | None  # None where `paths` are all there is
     tracks: PartTracks | None  # None where no point could be followed
     posterior: ArticulationPosterior | None  # None where the run failed before
+    paths: PointPaths | None = None  # of an input without images
     states: StatePosterior | None = None  # (T,) all frames; None: the posterior's own
     truth: JointTruth | None = None  # for scoring alone; states (T,) of the recording's frames
     goal: Goal | None = None  # None where the part was only observed
@@ -84,7 +93,9 @@ class RunSummary:
     failure: str | None = None  # the cause, one line
 
     def __post_init__(self) -> None:
-        n = len(self.recording.frames)
+        given = (self.recording is None) != (self.paths is None)
+        _require(given, "a run is of a recording or of paths")
+        n = self.frame_count
         if self.tracks is not None:
             t = self.tracks.pixels.visible.shape[0]
             _require(t <= n, f"tracks of {t} frames, recording of {n}")
@@ -93,6 +104,21 @@ class RunSummary:
             _require(len(states.mean) <= n, f"{len(states.mean)} states, {n} frames")
         first = self.closed_loop_frame
         _require(first is None or 0 <= first < n, f"closed_loop_frame {first} outside 0..{n - 1}")
+
+    @property
+    def frame_count(self) -> int:
+        """Of the recording or the paths."""
+        if self.recording is not None:
+            return len(self.recording.frames)
+        return 0 if self.paths is None else len(self.paths.p_world)
+
+    @property
+    def times_s(self) -> FloatArray | None:
+        """(T,) from the first frame on; None where the input has no stamps."""
+        if self.recording is None:
+            return None if self.paths is None else self.paths.stamps_s
+        stamps = np.array([frame.stamp_s for frame in self.recording.frames])
+        return stamps - stamps[0]
 
     @property
     def frame_states(self) -> StatePosterior | None:

@@ -17,6 +17,7 @@ import pytest
 
 from akm_fg import __version__, pipeline
 from akm_fg.cli.main import main
+from akm_fg.pipeline import InputFit
 from akm_fg.posterior import ArticulationPosterior
 
 COMMAND = [sys.executable, "-m", "akm_fg.cli.main"]
@@ -45,13 +46,13 @@ def _run(*arguments: object, **more: object) -> subprocess.CompletedProcess[str]
 
 def _broken_by(monkeypatch: pytest.MonkeyPatch, name: str, change: object) -> None:
     """Let the fit of one input end otherwise."""
-    fit_input = pipeline.fit_input
+    fit_input = pipeline.observe_and_fit
 
-    def changed(data: object, path: str, *more: object) -> ArticulationPosterior:
-        posterior = fit_input(data, path, *more)
-        return change(posterior) if path.endswith(name) else posterior
+    def changed(data: object, path: str, *more: object) -> InputFit:
+        fit = fit_input(data, path, *more)
+        return InputFit(change(fit.posterior)) if path.endswith(name) else fit
 
-    monkeypatch.setattr(pipeline, "fit_input", changed)
+    monkeypatch.setattr(pipeline, "observe_and_fit", changed)
 
 
 def test_numbers_that_are_not_finite_are_null_and_the_batch_goes_on(

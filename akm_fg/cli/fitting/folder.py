@@ -1,0 +1,100 @@
+"""What `akm-fg fit --out DIR` leaves there: report.html, posterior.json, config.toml, pictures."""
+
+from __future__ import annotations
+
+import os
+import re
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from akm_fg import __version__
+from akm_fg.cli.config_argument import write_tree
+from akm_fg.config import AkmConfig
+from akm_fg.errors import OutputError
+from akm_fg.io.inputs import FitInput
+from akm_fg.io.png import replace_file
+from akm_fg.io.posterior_json import posterior_as_line
+from akm_fg.io.tracks import TracksInput
+from akm_fg.pipeline import InputFit
+from akm_fg.records import Recording
+from akm_fg.report.pictures import pictures, shown_frames
+from akm_fg.report.summary import PartTracks, PointPaths, RunSummary
+from akm_fg.report.write import write_report
+
+
+def folders_of(out: Path, inputs: Sequence[Path]) -> list[Path]:
+    """OUT itself for one input; for several a folder in it for each, named like the input."""
+    if len(inputs) == 1:
+        return [out]
+    names = [_plain(p.stem if p.suffix else p.name) for p in inputs]
+    if len(set(names)) < len(names):
+        shared = os.path.commonpath([p.absolute().parent for p in inputs])
+        names = [_plain(os.path.relpath(p.absolute(), shared)) for p in inputs]
+    unique = [name if names.index(name) == i else f"{name}-{i + 1}" for i, name in enumerate(names)]
+    return [out / name for name in unique]
+
+
+def _plain(name: str) -> str:
+    return re.sub(r"[^\w.-]+", "-", name).strip(".-") or "input"
+
+
+def make_folder(folder: Path) -> None:
+    """Make it, and find out before any work whether it can be written.
+
+    Raises:
+        OutputError: it cannot.
+    """
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        why = "is a file" if isinstance(error, FileExistsError) else error.strerror
+        raise OutputError(f"{folder}: cannot be made ({why}); expected a folder") from error
+    if not os.access(folder, os.W_OK):
+        raise OutputError(f"{folder}: cannot be written; expected a folder that can")
+
+
+def write_folder(
+    folder: Path, data: FitInput, fit: InputFit, seed: int, command: str, config: AkmConfig
+) -> None:
+    """Write all files of one input, each whole or not at all.
+
+    Raises:
+        OutputError: the disk refuses.
+    """
+    make_folder(folder)
+    summary = _summary(data, fit, seed, command)
+    line = posterior_as_line(fit.posterior) + "\n"
+    replace_file(folder / "posterior.json", line.encode())
+    write_tree(folder / "config.toml", config, f"All settings of {command}")
+    if summary.recording is not None:
+        make_folder(folder / "pictures")
+        shown = zip(shown_frames(summary), pictures(summary, config.overlay), strict=True)
+        for frame, picture in shown:
+            replace_file(folder / "pictures" / f"{frame:06d}.jpg", picture.jpeg)
+    write_report(folder / "report.html", summary, config.overlay)
+
+
+def _summary(data: FitInput, fit: InputFit, seed: int, command: str) -> RunSummary:
+    recording, tracks, paths = None, None, None
+    if isinstance(data, Recording):
+        recording = data
+    elif isinstance(data, TracksInput):
+        paths = PointPaths(data.tracks.p_world)
+    else:
+        paths = PointPaths(np.asarray(data.p_world[:, None]), data.stamps_s)
+    if fit.observed is not None:
+        parts = fit.observed.segmentation
+        tracks = PartTracks(fit.observed.pixels, parts.moving, parts.static)
+    return RunSummary(
+        title=fit.posterior.name,
+        command=command,
+        seed=seed,
+        version=__version__,
+        recording=recording,
+        tracks=tracks,
+        posterior=fit.posterior,
+        paths=paths,
+        time_s=dict(fit.posterior.time_s),
+    )
