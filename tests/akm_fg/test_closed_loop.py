@@ -145,6 +145,14 @@ def test_a_vague_belief_does_not_count_as_reached(run):
     assert "not sure of the target after 5 rounds" in episode.failure
 
 
+def test_an_episode_is_done_at_95_percent_and_not_before(run):
+    """Two-sided 95 % of a normal lies within 1.96 standard deviations; the tolerance is 1 cm."""
+    episode, _ = run(PaperDrawer(), state_sd=0.01 / 1.90)  # 94.3 %
+    assert "not sure of the target after 5 rounds" in episode.failure
+    episode, _ = run(PaperDrawer(), state_sd=0.01 / 2.02)  # 95.7 %
+    assert episode.failure is None and len(episode.rounds) == 2
+
+
 def test_a_lost_grip_ends_the_episode_with_its_cause(run):
     episode, _ = run(PaperDrawer(slip=0.9, lost_after=1), target=0.3)
     assert episode.failure == "the gripper lost the part"

@@ -77,3 +77,46 @@ def test_staying_where_it_is_is_a_path_too():
 def test_a_target_that_is_not_a_number_is_refused():
     with pytest.raises(MotionInfeasible, match="finite"):
         plan_opening(_joint("prismatic"), gtsam.Pose3(), 0.0, np.nan)
+
+
+def _peaks(q, stamps_s):
+    """Largest first, second and third differences over the step: speed, acceleration, jerk."""
+    dt = stamps_s[1] - stamps_s[0]
+    return [float(np.abs(np.diff(q, n)).max() / dt**n) for n in (1, 2, 3)]
+
+
+def test_the_hand_is_jerked_no_more_than_a_person_jerks_a_cup():
+    """A drawer's way is its hand's: third differences of it are the jerk.
+
+    A reach of minimum jerk over a way d in a time T begins with 60 d / T^3 (Flash, Hogan, The
+    coordination of arm movements, 1985): 5.3 m/s^3 for an easy 0.3 m in 1.5 s.
+    """
+    limits = HandLimits(step_s=0.002)
+    path = plan_opening(_joint("prismatic"), gtsam.Pose3(), 0.0, 0.3, limits)
+    z = np.array([pose.translation()[2] for pose in path.T_world_gripper])
+    assert _peaks(z, path.stamps_s)[2] < 60 * 0.3 / 1.5**3
+    # From rest to rest with bounds v, a and j, all of them met: d / v + v / a + a / j.
+    v, a, j = limits.speed_m_s, limits.acceleration_m_s2, limits.jerk_m_s3
+    assert_allclose(path.stamps_s[-1], 0.3 / v + v / a + a / j, atol=1e-6)
+
+
+def test_where_the_world_begins_does_not_matter_to_a_door():
+    """The lever is the hand's distance from the axis, wherever both are: 0.5 m at 0.1 m/s."""
+    speeds = []
+    for away in (np.zeros(3), np.array([3.0, -2.0, 1.0])):
+        T = np.eye(4)
+        T[:3, 3] = away
+        hand = gtsam.Pose3(gtsam.Rot3(), away + np.array([0.5, 0.0, 0.2]))
+        path = plan_opening(_joint("revolute", T), hand, 0.0, 1.2)
+        p = np.array([pose.translation() for pose in path.T_world_gripper])
+        speeds.append(np.linalg.norm(np.diff(p, axis=0), axis=1) / np.diff(path.stamps_s))
+    assert_allclose(speeds[0].max(), 0.10, rtol=0.01)
+    assert_allclose(speeds[1], speeds[0], atol=1e-9)
+
+
+def test_a_hand_near_the_hinge_turns_no_faster_than_half_a_radian_a_second():
+    """At 5 cm, 0.1 m/s would be 2 rad/s."""
+    hand = gtsam.Pose3(gtsam.Rot3(), np.array([0.05, 0.0, 0.0]))
+    path = plan_opening(_joint("revolute"), hand, 0.0, 1.2)
+    yaw = np.array([pose.rotation().yaw() for pose in path.T_world_gripper])
+    assert_allclose(_peaks(yaw, path.stamps_s)[0], 0.5, rtol=0.01)

@@ -56,6 +56,19 @@ def test_noise_has_the_strength_and_reach_that_its_level_says(level: str):
     np.testing.assert_allclose(means.std(), 120.0 * config.rgb_gain_sd, rtol=0.5, atol=0.05)
 
 
+def test_disparity_comes_in_steps_of_a_thirty_second_of_a_pixel():
+    """Intel's D4 ASIC has 5 bits below the pixel: at z depths are z^2 / (32 f b) apart.
+
+    At 2 m, with 425 px and 95 mm: 4 / (32 * 425 * 0.095) = 3.10 mm.
+    """
+    camera = rendered_intrinsics(320, 240, 300.0)
+    noisy = noisy_depth(np.full((240, 320), 2.0), camera, D455, np.random.default_rng(0))
+    levels = np.unique(noisy[np.isfinite(noisy)])
+    assert levels.size > 5
+    middle = np.diff(levels)[levels.size // 2 - 2 : levels.size // 2 + 2]
+    np.testing.assert_allclose(middle, 0.00310, rtol=0.02)
+
+
 def test_levels_grow_harsher():
     clean, d455, harsh = (NOISE_LEVELS[name] for name in ("clean", "d455", "harsh"))
     assert clean.disparity_sigma_px is None and clean.rgb_sigma == 0.0

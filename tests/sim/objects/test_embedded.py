@@ -30,6 +30,8 @@ def test_seeds_vary_the_object_within_furniture_like_bounds(name: str):
     assert len(set(masses)) == 20
     low, high = (2.0, 6.0) if name == "drawer" else (3.0, 8.0)
     assert low <= min(masses) and max(masses) <= high
+    for spec in specs:  # dry rubber on metal or lacquer
+        assert 0.5 <= spec.handle_mu <= 1.1
 
 
 def test_an_unknown_object_is_refused():

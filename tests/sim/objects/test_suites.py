@@ -22,7 +22,7 @@ from sim.objects.suites.furniture_spec import DRAWER_BACK_M, RANGE_MIN_M, SLIDIN
 from sim.objects.suites.handles import edge_strip, handle_boxes, handle_pose
 from sim.robot.franka_config import FrankaConfig
 from sim.robot.true_obstacles import true_obstacles
-from sim.world import SimWorld
+from sim.world import SimWorld, WorldConfig
 
 ALL = [spec.name for suite in SUITES.values() for spec in suite]
 SAMPLE = ["furniture-dev/drawer-004", "furniture-dev/slide-001", "furniture-dev/door-012"]
@@ -83,6 +83,16 @@ def test_a_share_of_the_objects_is_caught_or_closes_itself_and_a_child_can_open_
         across = spec.size_m[0] * spec.columns[column], spec.size_m[2] * spec.rows[row]
         lever = across[0] if spec.hinge in ("left", "right") else across[1]
         assert to_beat < PULL_N * (1.0 if spec.hinge is None else lever - 0.08), spec.name
+
+
+@pytest.mark.parametrize("suite", SUITES)
+def test_rubber_pads_slide_on_handles_as_on_metal_and_lacquer(suite: str):
+    """Dry rubber on smooth hard surfaces: 0.5 to 1.1 (Avallone, Baumeister, Marks' Standard
+    Handbook, table 3.2.1: coefficients of friction). The contact's is the product of both.
+    """
+    mu = np.array([spec.handle_mu for spec in find_suite(suite)]) * WorldConfig().finger_mu
+    assert mu.min() >= 0.5 and mu.max() <= 1.1
+    assert len(np.unique(mu)) == mu.size
 
 
 def test_the_suites_share_no_object():

@@ -54,3 +54,12 @@ def test_the_fingers_are_found_by_name(world: SimWorld):
         for link in finger_links(world.client, world.robot_id)
     ]
     assert names == ["panda_leftfinger", "panda_rightfinger"]
+
+
+def test_the_pads_slide_on_the_handle_as_the_spec_says(world: SimWorld):
+    """Bullet's coefficient of a contact is the product of both bodies', entry 1 of the dynamics."""
+    (pad, _), client = finger_links(world.client, world.robot_id), world.client
+    on_pad = p.getDynamicsInfo(world.robot_id, pad, physicsClientId=client)[1]
+    on_part = p.getDynamicsInfo(world.object_id, world.part_joint, physicsClientId=client)[1]
+    assert on_pad * on_part == pytest.approx(world.spec.handle_mu)  # against rubber with mu 1
+    assert 0.5 <= on_pad * on_part <= 1.1

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from akm_fg.errors import NoMotionObserved, TracksLost
+from akm_fg.perception.moving_part.motion_config import MotionSegmentationConfig
 from akm_fg.perception.moving_part.motion_segmentation import segment_motion
 from akm_fg.records import PointTracks
 from akm_fg.steps import to_end
@@ -136,3 +137,26 @@ def test_a_hand_that_is_not_known_in_some_frames_still_helps() -> None:
     hand[[3, 4, 12]] = np.nan
     got = to_end(segment_motion(tracks, hand_world=hand))
     assert got.moving[labels == 1].all()
+
+
+@pytest.mark.parametrize(("n", "moved"), [(7, False), (9, True)])
+def test_motion_is_believed_where_its_evidence_outweighs_what_its_freedom_costs(
+    n: int, moved: bool
+) -> None:
+    """Exact tracks that jump by d half-way, with a sd s of each coordinate.
+
+    At rest every reading is d / 2 off, so rest costs a track T d^2 / (8 s^2) nats: 45 for 20
+    frames and d = sqrt(18) s. BIC (Schwarz, 1978) asks half a log of the 60 n readings for each
+    of the 6 * 19 numbers of a motion: 57 log(420) = 344 nats against 7 * 45 = 315 for 7 tracks,
+    57 log(540) = 359 nats against 9 * 45 = 405 for 9.
+    """
+    T, claimed_m, systematic_m = 20, 0.004, 0.0015
+    x = np.random.default_rng(0).uniform(0, 0.5, (n, 3))
+    jump = np.sqrt(18.0) * np.hypot(claimed_m, systematic_m) * (np.arange(T) >= T // 2)
+    p = x + jump[:, None, None] * np.array([0.0, 0.0, 1.0])
+    tracks = PointTracks(p, np.tile(claimed_m**2 * np.eye(3), (T, n, 1, 1)))
+    config = MotionSegmentationConfig(systematic_m=systematic_m)
+    got = to_end(segment_motion(tracks, config))
+    assert got.moving.all() == moved and got.moving.any() == moved
+    if moved:
+        np.testing.assert_allclose(got.p_nothing_moved, np.exp(358.6 - 405.0), rtol=0.5)

@@ -97,6 +97,7 @@ def test_the_part_has_the_inertia_of_its_shape_and_no_motor_but_friction(
         info = p.getDynamicsInfo(world.object_id, world.part_joint, physicsClientId=world.client)
         mass, width, height = world.spec.mass_kg, *(world.spec.size_m[[0, 2]] * [0.9, 1.1 / 1.2])
         assert info[0] == pytest.approx(mass)
+        assert 0.5 <= world.spec.handle_mu <= 1.1  # dry rubber on metal or lacquer
         # A board of that mass: about its long sides and about its normal, within a tenth.
         board = sorted(mass / 12.0 * np.array([width**2, height**2, width**2 + height**2]))
         np.testing.assert_allclose(sorted(info[2]), board, rtol=0.12)
