@@ -1,0 +1,102 @@
+"""Noise that errs together, over time and over the part, with correlations that are known."""
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+from akm_fg.estimation.sources.track_noise import (
+    correlated_points,
+    correlation_frames,
+    correlation_time,
+)
+from akm_fg.estimation.sources.tracks import TrackContribution
+
+
+def averaged(rng: np.random.Generator, T: int, N: int, frames: int) -> np.ndarray:
+    """(T, N, 3) of unit variance: each the sum of the last so many white numbers.
+
+    Correlations fall from 1 to 0 evenly, 1 - k / frames: the time is 1 + 2 (frames - 1) / 2.
+    """
+    white = np.concatenate([np.zeros((1, N, 3)), rng.normal(size=(T + frames, N, 3))])
+    sums = white.cumsum(axis=0)
+    return (sums[frames : frames + T] - sums[:T]) / np.sqrt(frames)
+
+
+def without_slow_terms(e: np.ndarray, terms: int) -> np.ndarray:
+    """What a fit of offset, slope, bend ... of each series leaves."""
+    T = len(e)
+    basis, _ = np.linalg.qr(np.vander(np.linspace(-1, 1, T), terms, increasing=True))
+    flat = e.reshape(T, -1)
+    return (flat - basis @ (basis.T @ flat)).reshape(e.shape)
+
+
+def said(residual: np.ndarray, x_joint: np.ndarray | None = None) -> TrackContribution:
+    """Tracks with these residuals, in units of their noise of 1 mm."""
+    T, N, _ = residual.shape
+    x = np.random.default_rng(5).uniform(size=(3, N)) if x_joint is None else x_joint
+    return TrackContribution(
+        information=np.eye(6),
+        held=np.ones(T),
+        observed=np.ones((T, N), bool),
+        d2=(residual**2).sum(axis=-1),
+        residual_joint=0.001 * residual,
+        x_joint=x,
+        scale=1.0,
+        freedom=1.0,
+    )
+
+
+@pytest.mark.parametrize(("frames", "T", "terms"), [(2, 20, 3), (2, 40, 1), (4, 60, 3), (4, 80, 1)])
+def test_the_correlation_time_is_that_of_the_noise_whatever_the_fit_has_hidden(
+    frames: int, T: int, terms: int
+):
+    """A fit of offset, slope and bend takes `terms` of the T / frames independent values away.
+
+    What is left has correlations smaller by about c = terms * frames / T of the variance: for
+    four frames in 60 and three terms 3.25 frames would show, for two in 20 1.57.
+    """
+    rng = np.random.default_rng(0)
+    left = without_slow_terms(averaged(rng, T, 200, frames), terms)
+    time, visible = correlation_time(left, np.ones((T, 200), bool), terms, 0.0)
+    assert_allclose(time, frames, rtol=0.08)
+    assert_allclose(visible, (left**2).mean(), atol=0.08)
+
+
+def test_the_time_of_tracks_is_that_of_their_noise():
+    rng = np.random.default_rng(1)
+    time, visible = correlation_frames(said(without_slow_terms(averaged(rng, 80, 60, 4), 1)))
+    assert_allclose(time, 4.0, rtol=0.08)
+    assert_allclose(visible, 1 - 4 / 80, atol=0.03)
+
+
+def test_independent_noise_errs_for_one_frame():
+    e = np.random.default_rng(2).normal(size=(50, 40, 3))
+    assert correlation_frames(said(e)) == (1.0, 1.0)
+    assert correlated_points(said(e)) == 1.0
+
+
+def test_a_few_gross_outliers_do_not_tell_of_time():
+    """One track in sixty is thirty deviations off for ten frames: it is rejected, not averaged."""
+    rng = np.random.default_rng(3)
+    quiet = rng.normal(size=(80, 60, 3))
+    quiet[30:40, 7] += 30.0
+    assert correlation_frames(said(quiet))[0] < 1.5
+    assert correlated_points(said(quiet)) < 1.5
+
+
+def test_points_in_groups_that_err_alike_count_as_their_groups():
+    """Twelve heaps of five points, far apart: 1 + 4 correlations of one."""
+    rng = np.random.default_rng(4)
+    e = np.repeat(rng.normal(size=(60, 12, 3)), 5, axis=1)
+    heaps = np.arange(12)[:, None] + 0.01 * rng.normal(size=(12, 5))
+    x = np.stack([heaps.ravel(), np.zeros(60), np.zeros(60)])
+    assert_allclose(correlated_points(said(e, x)), 5.0, atol=0.1)
+    # Half of the variance of each alone: 1 + 4 * 0.5.
+    half = np.sqrt(0.5) * (e + rng.normal(size=e.shape))
+    assert_allclose(correlated_points(said(half, x)), 3.0, atol=0.25)
+
+
+def test_too_few_frames_or_points_say_nothing():
+    e = np.ones((7, 20, 3))
+    assert correlation_frames(said(e)) == (1.0, 1.0)
+    assert correlated_points(said(np.ones((30, 7, 3)))) == 1.0
