@@ -409,3 +409,20 @@ def test_a_scale_or_a_count_that_is_not_positive_is_refused(scale, count, surfac
         dense_registration_factor(
             "revolute", JOINT, _keys(4), surface().patches, ROBUST, scale, count
         )
+
+
+def test_a_patch_lies_where_most_of_its_readings_see_it():
+    """Along the normal at the latent place, which one reading far off hardly moves; by hand.
+
+    Across it in the middle of where it was seen: of (0, 3, 6, 9) cm.
+    """
+    n = np.array([[0.0], [0.0], [1.0]])
+    p = np.zeros((4, 3, 1))
+    p[:, 0, 0] = [0.0, 0.03, 0.06, 0.09]
+    p[:, 2, 0] = [0.2, 0.2, 0.2, 0.22]
+    patches = PatchObservations(p, np.full((4, 1), SIGMA_M**-2), n)
+    still = np.tile(np.eye(3), (4, 1, 1)), np.zeros((4, 3))
+    cost = dense_cost(*still, patches, ROBUST, 1.0)
+    assert_allclose(cost.x_world[:2, 0], [0.045, 0.0], atol=1e-12)
+    assert abs(cost.x_world[2, 0] - 0.2) < 3e-4  # the mean is 5 mm off
+    assert_allclose(cost.e[:, 0], p[:, 2, 0] - cost.x_world[2, 0], atol=1e-12)

@@ -252,3 +252,29 @@ def test_the_likelihood_of_a_grasp_is_normalised():
     want = 3 * log_normaliser(WHITE.dof, 6)
     want -= 9 * np.log(WHITE.sigma_rot_rad) + 9 * np.log(WHITE.sigma_trans_m)
     assert_allclose(_rigid(grasp).log_likelihood, want)
+
+
+def test_a_noisy_angle_hides_slips_near_the_hinge_less_than_far_from_it():
+    """0.02 rad are 2 mm at 0.1 m and 16 mm at 0.8 m: a slip of 12 mm is six of the one."""
+    for lever_m, holds in ((0.1, 2), (0.8, 1)):
+        poses = np.tile(np.eye(4), (30, 1, 1))
+        poses[:, 0, 3] = lever_m
+        poses[15:, 2, 3] = 0.012
+        guess = JointGuess(Joint("revolute", np.eye(4), 0.0), np.zeros(30))
+        found = holds_of(
+            GripperPoses(poses, (0, 29), WHITE), np.arange(30), guess, np.full(30, 0.02), 1.0
+        )
+        assert len(found.holds) == holds
+
+
+def test_frames_as_one_stay_those_of_the_gripper_whatever_the_tracks_count_by():
+    """`count_as_one` is relative to the tracks': tempered with them it is the gripper's own."""
+    poses = np.tile(np.eye(4), (6, 1, 1))
+    gripper, frames, sd = GripperPoses(poses, (0, 5)), np.arange(6), np.zeros(6)
+    for as_one in (1.0, 2.0, 5.0):
+        first = holds_of(gripper, frames, still(6), sd, 1.0)
+        counted = first.recounted(as_one)
+        assert_allclose(counted.count_as_one * as_one, GraspConfig().frames_as_one)
+        assert_allclose(
+            holds_of(gripper, frames, still(6), sd, as_one).count_as_one, counted.count_as_one
+        )

@@ -1,15 +1,20 @@
 """Noise that errs together, over time and over the part, with correlations that are known."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
+from akm_fg.estimation.config import FitConfig
+from akm_fg.estimation.sources.source import NoiseLevel
 from akm_fg.estimation.sources.track_noise import (
     correlated_points,
     correlation_frames,
     correlation_time,
 )
-from akm_fg.estimation.sources.tracks import TrackContribution
+from akm_fg.estimation.sources.tracks import TrackContribution, TrackSource
+from factors.measurements.track_cost import TrackObservations
 
 
 def averaged(rng: np.random.Generator, T: int, N: int, frames: int) -> np.ndarray:
@@ -100,3 +105,33 @@ def test_too_few_frames_or_points_say_nothing():
     e = np.ones((7, 20, 3))
     assert correlation_frames(said(e)) == (1.0, 1.0)
     assert correlated_points(said(np.ones((30, 7, 3)))) == 1.0
+
+
+def source(**settings) -> TrackSource:
+    """Tracks of 50 points in 40 frames, every coordinate 1 mm."""
+    p = np.random.default_rng(0).normal(size=(40, 50, 3))
+    cov = np.tile(1e-6 * np.eye(3), (40, 50, 1, 1))
+    config = replace(FitConfig(), dof=1e9)
+    seen = TrackObservations.from_points(p, cov)
+    return TrackSource(seen, False, 1.0, config, **settings)
+
+
+def test_the_noise_scale_is_that_of_the_noise_where_the_fit_hides_a_share_of_it():
+    """Of squared residuals of 3 a point one fifth is hidden, another tenth was fitted."""
+    d2 = np.full((40, 50), 3 * 0.8 * 0.9)
+    assert_allclose(source(visible_share=0.8).rescaled(d2, 1.0, 0.9, None), 1.0)
+    # A level of 2, known as well as by as many observations, against the 1 that is seen.
+    level = NoiseLevel(2.0, 3 * 40 * 50 * 0.9)
+    got = source(visible_share=1.0).rescaled(np.full((40, 50), 3 * 0.9), 1.0, 0.9, level)
+    assert_allclose(got**2, (1.0 + 4.0) / 2)
+
+
+def test_systematic_errors_count_observations_down_to_their_modes():
+    """2000 of 1 mm average to 1 mm^2 / 2000, systematic 0.2 mm in 4 ways to 0.04 mm^2 / 4."""
+    config = FitConfig()
+    tracks = source(systematic_m=2e-4)
+    ratio = (0.04 / 4) / (1.0 / 2000)
+    assert_allclose(tracks.systematic_points(config.sound_noise_scale, 1e-6), ratio)
+    # Twice as noisy as on texture: they slip, and their systematic errors are twice as large.
+    assert_allclose(tracks.systematic_points(2 * config.sound_noise_scale, 1e-6), 4 * ratio)
+    assert tracks.numbers == (3 * 2000, 3 * 50)

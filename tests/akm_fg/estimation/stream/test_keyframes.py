@@ -77,6 +77,32 @@ def test_at_the_limit_the_two_closest_become_one_and_the_first_stays():
     assert_allclose(keyframes.least_distance_m(), 0.1, rtol=0.05)
 
 
+def test_the_later_of_two_keyframes_is_moved_to_where_the_earlier_is_before_they_become_one():
+    """Both saw the same panel, 3 mm further on in the later one: nothing is left of that."""
+    shifts = [0.0, 0.05, 0.1, 0.103, 0.2, 0.3]
+
+    def motion(number_from, number_to):
+        return np.eye(3), np.array([shifts[number_to] - shifts[number_from], 0.0, 0.0])
+
+    keyframes = _filled(shifts[:5], most=5)
+    new = _frame(5, shifts[5])
+    keyframes.add(new, keyframes.distances(new, ALL, 1.0)[0], motion, 1.0)
+    assert keyframes.numbers.tolist() == [0, 1, 2, 4, 5]
+    assert_allclose(keyframes.frames[2].p_world, _frame(2, 0.1).p_world, atol=1e-12)
+    assert_allclose(keyframes.frames[2].cov_world, keyframes.frames[0].cov_world / 2)
+
+
+def test_noise_does_not_make_distances_longer():
+    """Of points 5 mm apart, seen to 3 mm: on average the squares are 25 mm^2, not more."""
+    keyframes = _filled([0.0])
+    found = [
+        keyframes.distances(_frame(1, 0.005, seed, SIGMA_M), ALL, np.sqrt(0.5))[0][0]
+        for seed in range(400)
+    ]
+    # Without their noise's six numbers of 9 mm^2 / 8 each they would be 32 mm^2.
+    assert_allclose(np.mean(np.square(found)), 0.005**2, rtol=0.08)
+
+
 def test_distance_of_a_turn_about_the_middle_is_that_of_the_points():
     """The centroid stays where it is: only the points' displacement tells."""
     first = _frame(0)
