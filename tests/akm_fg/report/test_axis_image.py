@@ -3,7 +3,7 @@ import numpy as np
 
 from akm_fg.posterior import JointPosterior
 from akm_fg.records import PinholeCamera
-from akm_fg.report.axis_image import ELLIPSE_SIGMAS, axis_of_joint, project_axis
+from akm_fg.report.axis_image import axis_of_joint, project_axis
 from factors.joint import Joint
 
 CAMERA = PinholeCamera(200, 100, 100.0, 100.0, 100.0, 50.0)
@@ -57,12 +57,21 @@ def test_sampled_axes_lie_in_the_band_95_times_in_100():
     np.testing.assert_allclose(np.mean(hits, axis=0), 0.95, atol=0.02)
 
 
+def test_pixels_that_are_not_square_widen_each_direction_by_its_own_focal_length():
+    """1 cm of a point 2 m away: 0.5 px across at fx = 100, 1 px down at fy = 200."""
+    camera = PinholeCamera(200, 100, 100.0, 200.0, 100.0, 50.0)
+    cov = np.diag([0, 0, 0, 1e-4, 1e-4, 1e-4])
+    axis = project_axis(ALONG_X, cov, camera, AT_ORIGIN, np.zeros(1))
+    np.testing.assert_allclose(axis.cov_uv_px2[0], np.diag([0.5**2, 1.0**2]), atol=1e-9)
+
+
 def test_the_pivot_ellipse_has_the_radius_of_two_dimensions():
     cov = np.zeros((6, 6))
     cov[3, 3] = 0.01**2
     axis = project_axis(ALONG_X, cov, CAMERA, AT_ORIGIN, ALONG)
     ellipse = axis.ellipse(0.0, n=4)
-    np.testing.assert_allclose(np.ptp(ellipse[:, 1]), 2 * ELLIPSE_SIGMAS * 0.5)
+    # Tables: 5.991 is the 95 % quantile of chi-square with two degrees of freedom.
+    np.testing.assert_allclose(np.ptp(ellipse[:, 1]), 2 * np.sqrt(5.991) * 0.5, rtol=1e-4)
     np.testing.assert_allclose(np.ptp(ellipse[:, 0]), 0, atol=1e-9)
 
 

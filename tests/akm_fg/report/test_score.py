@@ -89,4 +89,5 @@ def test_coverage_counts_frames_within_the_bound_and_leaves_out_the_zero():
     states = StatePosterior("m", np.zeros(5), np.array([0.0, 1, 1, 1, 1]))
     errors = np.array([0.0, 1.9, -1.9, 2.0, np.nan])
     np.testing.assert_allclose(coverage(states, errors), 2 / 3)
+    np.testing.assert_allclose(coverage(states, -errors), 2 / 3)
     assert coverage(states, np.full(5, np.nan)) is None
