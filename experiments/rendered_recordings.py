@@ -3,11 +3,11 @@
     python -m experiments.rendered_recordings --suite furniture-dev --out runs/dev-recordings
 
 One folder an object (docs/conventions.md, "Recording"), with the truth in `recording.json` for
-scoring alone. `--pull robot` is the real thing: friction grasp, compliant pull, physics; it takes
-about half a minute and may fail. `--pull scripted` sets the joint to its states and moves the
-Franka along without physics: it only generates data and is never used by the program. Folders
-that are there already are not made again. About ten seconds an object; no table: it feeds the
-experiments that fit rendered recordings.
+scoring alone. `--pull scripted`, the default, sets the joint to its states and moves the Franka
+along without physics: it only generates data and is never used by the program. `--pull robot` is
+the real thing: friction grasp, compliant pull, physics; it takes about half a minute and may fail.
+Folders that are there already are not made again. About ten seconds an object; no table: it feeds
+the experiments that fit rendered recordings.
 """
 
 from __future__ import annotations
