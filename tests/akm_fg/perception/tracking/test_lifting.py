@@ -122,3 +122,32 @@ def test_pixel_noise_moves_a_point_along_its_surface_never_off_it() -> None:
     n = T_WORLD_CAM.rotation().matrix() @ np.array(normal) / np.linalg.norm(normal)
     assert np.sqrt(np.einsum("i,nij,j->n", n, cov, n)).max() < 1e-5
     assert np.sqrt(np.trace(cov, axis1=1, axis2=2)).min() > 1e-3
+
+
+def test_the_depth_of_a_window_is_as_sure_as_its_independent_readings_and_a_floor() -> None:
+    """Face on at 1 m, by hand: a reading has hypot(0.08 / (300 * 0.095), 0.0005) = 2.851 mm.
+
+    A window of 7 px holds (7 / 5)^2 = 1.96 independent ones, and the floor of 0.5 mm does not
+    average: sqrt(2.851^2 / 1.96 + 0.5^2) = 2.097 mm along the ray.
+    """
+    middle = np.array([[CAMERA.cx, CAMERA.cy]])
+    frame = frame_of(np.ones((240, 320)))
+    cov = lift(seen_at(middle, 1e-9), frame, NOISE).cov_world[0]
+    ahead = T_WORLD_CAM.rotation().matrix()[:, 2]
+    np.testing.assert_allclose(np.sqrt(ahead @ cov @ ahead), 0.002097, rtol=1e-3)
+    # What many windows average to can be no better than the floor.
+    exact = DepthNoiseModel(disparity_sigma_px=1e-6)
+    cov = lift(seen_at(middle, 1e-9), frame, exact).cov_world[0]
+    assert np.sqrt(ahead @ cov @ ahead) >= 0.0005
+
+
+@pytest.mark.parametrize(("tilt_deg", "known"), [(70.0, True), (77.0, True), (82.0, False)])
+def test_what_is_seen_nearly_edge_on_has_no_depth(tilt_deg: float, known: bool) -> None:
+    """Beyond 79 deg between ray and normal (tangent 5); at the picture's middle, noise-free."""
+    tilt = np.deg2rad(tilt_deg)
+    normal = (np.sin(tilt), 0.0, np.cos(tilt))
+    with np.errstate(invalid="ignore", divide="ignore"):
+        depth = plane_depth(pixel_grid(), normal)
+    depth = np.where((depth > 0.2) & (depth < 10.0), depth, np.nan)
+    got = local_depth(frame_of(depth), np.array([[CAMERA.cx, CAMERA.cy]]), NOISE).depth_m
+    assert bool(np.isfinite(got[0])) is known
