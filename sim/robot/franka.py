@@ -8,7 +8,7 @@ import gtsam
 import numpy as np
 
 from akm_fg.arm.body.collision import Obstacle
-from akm_fg.arm.body.impedance import cartesian_torques, joint_impedance
+from akm_fg.arm.body.impedance import REGULAR, cartesian_torques, joint_impedance
 from akm_fg.arm.body.kinematics import Q_HOME, pose_error
 from akm_fg.arm.body.limits import MotionRecorder
 from akm_fg.arm.body.model import N_ARM
@@ -207,14 +207,31 @@ class SimFranka:
         self, T_world_grasp: gtsam.Pose3, choice: GraspConfiguration
     ) -> Iterator[FloatArray]:
         c, T = self.config, T_world_grasp
-        turn_rad = max(float(np.abs(choice.q_grasp - choice.q_pregrasp).max()), 1e-6)
         speed_m_s = min(
-            c.unseen_m_s if choice.unseen else c.approach_m_s,
-            c.approach_rad_s * choice.standoff_m / turn_rad,
+            c.unseen_m_s if choice.unseen else c.approach_m_s, self._kept_up_m_s(T, choice)
         )
         yield from self._straight(T, choice.standoff_m, c.guarded_m, speed_m_s, c.blocked_m)
         yield from self._straight(T, c.guarded_m, 0.0, c.guarded_m_s, c.blocked_m)
         yield from self._stay(T.matrix(), c.settle_s)
+
+    def _kept_up_m_s(self, T_world_grasp: gtsam.Pose3, choice: GraspConfiguration) -> float:
+        """The speed at which the joints' damping holds the hand back by `approach_lag_m`.
+
+        Moving along the unit vector n takes joint speeds J^+ n v. Their damping d is a force
+        d (J J^T)^-1 n v at the hand, which the stiffness k makes up for by a lag of
+
+            d v n^T (J J^T)^-1 n / k
+
+        along n: the joints turn fast and have no lever where the arm is near a singularity. The
+        worse end of the way counts; nothing is slower than its last, guarded stretch.
+        """
+        c, n = self.config, np.append(T_world_grasp.rotation().matrix()[:, 2], np.zeros(3))
+        held_back = 1e-9  # n^T (J J^T)^-1 n, rad^2/m^2
+        for q in (choice.q_pregrasp, choice.q_grasp):
+            J = self._kinematics.update(q)[1]
+            held_back = max(held_back, float(n @ np.linalg.solve(J @ J.T + REGULAR, n)))
+        lag_s = c.impedance.joint_damping * held_back / c.impedance.stiffness_n_m
+        return max(c.approach_lag_m / lag_s, c.guarded_m_s)
 
     def _straight(
         self,

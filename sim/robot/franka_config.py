@@ -28,7 +28,9 @@ class FrankaConfig:
     track: TrackConfig = field(default_factory=TrackConfig)
     gripper: GripperConfig = field(default_factory=GripperConfig)
     approach_m_s: float = 0.08  # straight, before contact
-    approach_rad_s: float = 0.3  # of any joint, on average: near a singularity the hand lags behind
+    # Behind its reference on the approach, by the joints' damping: near a singularity the hand goes
+    # so slowly. A quarter of `blocked_m`: inertia, where it starts, adds as much again.
+    approach_lag_m: float = 0.003
     unseen_m_s: float = 0.03  # there where the camera could not look
     met_rad: float = 0.05  # of a joint behind its reference in free motion: it has met something
     blocked_m: float = 0.012  # behind its reference on the approach: the hand has met something

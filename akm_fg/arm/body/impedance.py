@@ -15,7 +15,7 @@ from akm_fg.arm.body.kinematics import Q_MAX, Q_MIN
 from akm_fg.arm.body.model import N_ARM
 from akm_fg.records import FloatArray
 
-_REGULAR = 1e-6 * np.eye(6)  # of J J^T, so that a singular arm has a null space too
+REGULAR = 1e-6 * np.eye(6)  # of J J^T, so that a singular arm has a null space too
 
 
 PerJoint = tuple[float, float, float, float, float, float, float]
@@ -80,7 +80,7 @@ def cartesian_torques(
         config: gains.
     """
     lean = config.null_stiffness * (q_rest - q) - config.null_damping * dq
-    JJt = J_gripper_q @ J_gripper_q.T + _REGULAR
+    JJt = J_gripper_q @ J_gripper_q.T + REGULAR
     # What the posture would exert at the hand is taken out: J^T (wrench - (J J^T)^-1 J lean).
     behind = dposv(JJt, J_gripper_q @ lean)[1]  # numpy's solver takes four times as long
     tau = J_gripper_q.T @ (wrench - behind) + lean + balance - config.joint_damping * dq
