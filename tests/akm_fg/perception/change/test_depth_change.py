@@ -4,7 +4,12 @@ import gtsam
 import numpy as np
 import pytest
 
-from akm_fg.perception.change.depth_change import DepthChange, depth_change, explained_share
+from akm_fg.perception.change.depth_change import (
+    DepthChange,
+    depth_change,
+    explained_share,
+    surface_points,
+)
 from akm_fg.perception.depth.depth_noise import DepthNoiseModel
 from akm_fg.records import PinholeCamera, Recording, RgbdFrame
 from akm_fg.steps import to_end
@@ -62,6 +67,35 @@ def test_the_changed_area_is_that_of_the_board():
     whole = (180 / FX * 0.95) * (240 / FX * 0.95)
     np.testing.assert_allclose(change.area_m2[1], whole, rtol=0.02)
     np.testing.assert_allclose(change.mask(1).mean() * 480 * 640, change.nearer[1].sum() * 9)
+
+
+@pytest.mark.parametrize(("side_px", "seen"), [(15, False), (36, True)])
+def test_a_change_smaller_than_furniture_is_none(side_px: int, seen: bool):
+    """At 1 m a pixel is 1.67 mm wide: 2.5 cm squared are 6 cm^2 of the 15 asked for, 6 cm 36."""
+    rgb, frames = np.zeros((480, 640, 3), np.uint8), []
+    for moved in (0.0, 0.05):
+        depth = np.full((480, 640), 1.0, np.float32)
+        depth[201 : 201 + side_px, 300 : 300 + side_px] -= moved
+        frames.append(RgbdFrame(moved, rgb, depth, CAMERA, gtsam.Pose3()))
+    everywhere = np.ones((480, 640), bool)
+    change = to_end(depth_change(Recording("x", tuple(frames)), everywhere, NOISE))
+    assert bool(change.nearer.any()) is seen
+
+
+def test_a_pixel_that_is_compared_lies_where_it_lay_in_the_whole_image():
+    """Every third pixel from the first on, centres at integers: (u, v) was (3 u, 3 v)."""
+    change = compared(0.05)
+    assert change.stride == 3
+    few = np.array([[0.0, 0.0], [100.0, 20.0], [213.0, 159.0]])
+    np.testing.assert_allclose(
+        change.camera.back_project(few, np.ones(3)), CAMERA.back_project(3 * few, np.ones(3))
+    )
+    p_world = surface_points(change, 1, change.nearer[1])
+    v, u = np.nonzero(change.nearer[1])
+    low, high = 3 * np.array([u.min(), v.min()]), 3 * np.array([u.max(), v.max()])
+    corners = CAMERA.back_project(np.array([low, high], float), np.full(2, 0.95))
+    assert (p_world >= corners[0] - 1e-6).all() and (p_world <= corners[1] + 1e-6).all()
+    np.testing.assert_allclose(p_world[0, 1], corners[0, 1], atol=1e-6)
 
 
 def test_the_boards_own_motion_explains_the_change_and_another_does_not():
