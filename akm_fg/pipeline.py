@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 
+import numpy as np
+
+from akm_fg.errors import InsufficientData, NoMotionObserved, TracksLost
 from akm_fg.estimation.config import FitConfig
 from akm_fg.estimation.fit import fit_poses, fit_tracks
 from akm_fg.estimation.sources.state_knowledge import StateKnowledge
@@ -19,6 +23,7 @@ from akm_fg.stream.seen_so_far import SeenSoFar, hands_of
 
 Watched = Callable[[int, int], None]
 """Is told after each frame of a recording: how many are done, of how many."""
+log = logging.getLogger(__name__)
 
 
 def fit_recording(
@@ -32,6 +37,8 @@ def fit_recording(
     watched: Watched | None = None,
 ) -> RecordingFit:
     """Mask, track and lift frame by frame; then segment, and fit the moving part's joint.
+
+    Where nothing moves on what was taken for the object, all that is seen is looked at.
 
     Args:
         recording: the clip.
@@ -50,6 +57,23 @@ def fit_recording(
     """
     perception, fit_config = perception or PerceptionConfig(), fit_config or FitConfig()
     settings = ModelSettings(perception, fit_config, sources, states, seed)
+    try:
+        return _answer(recording, settings, stages, watched)
+    except (TracksLost, NoMotionObserved):
+        if recording.object_masks is not None or (stages is not None and stages.segmenter):
+            raise
+        log.info("%s: nothing moves on what was taken for the object", recording.name)
+        try:
+            return _answer(_all_as_object(recording), settings, stages, watched)
+        except InsufficientData:
+            pass
+        raise  # of the object's own failure
+
+
+def _answer(
+    recording: Recording, settings: ModelSettings, stages: Stages | None, watched: Watched | None
+) -> RecordingFit:
+    """Watch to the end, then ask."""
     seen = SeenSoFar(recording.name, settings, stages)
     masks = recording.object_masks or [None] * len(recording.frames)
     hands = hands_of(recording)
@@ -66,6 +90,12 @@ class InputFit:
 
     posterior: ArticulationPosterior
     observed: ObservedMotion | None = None
+
+
+def _all_as_object(recording: Recording) -> Recording:
+    """With masks of all pixels: what rests is told from what moves in any case."""
+    everything = np.ones(recording.frames[0].depth_m.shape, dtype=bool)
+    return replace(recording, object_masks=(everything,) * len(recording.frames))
 
 
 def fit_input(

@@ -2,7 +2,9 @@
 
 from dataclasses import replace
 from functools import cache
+from unittest import mock
 
+import gtsam
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
@@ -13,7 +15,7 @@ from akm_fg.perception.config import PerceptionConfig
 from akm_fg.perception.observe import observe_motion
 from akm_fg.pipeline import fit_input, fit_recording
 from akm_fg.records import PointTracks
-from akm_fg.stages import ModelSettings
+from akm_fg.stages import ModelSettings, Stages
 from akm_fg.steps import to_end
 from akm_fg.stream.joint_estimate import better_than_tracks, estimate_joint
 
@@ -161,3 +163,49 @@ def test_tracks_that_explain_none_of_the_change_give_way_to_depth(door):
 def test_tracks_that_explain_the_change_are_kept(door):
     observed = observe_motion(door.recording)
     assert to_end(better_than_tracks(door.recording, observed, PerceptionConfig())) is None
+
+
+def _in_another_world(recording, T_other_world):
+    """The same frames where the world has other axes."""
+    turned = (replace(f, T_world_cam=T_other_world * f.T_world_cam) for f in recording.frames)
+    return replace(recording, frames=tuple(turned))
+
+
+def _other_world(seed, clip):
+    """A random world; for no seed, the camera's own axes: T_world_cam is the identity."""
+    if seed is None:
+        return clip.scene.T_world_cam.inverse()
+    rng = np.random.default_rng(seed)
+    return gtsam.Pose3(gtsam.Rot3.Expmap(rng.uniform(-np.pi, np.pi, 3)), rng.normal(size=3))
+
+
+@pytest.mark.parametrize("seed", (None, 0, 1, 2))
+@pytest.mark.parametrize("name", ("door", "drawer"))
+def test_the_same_frames_give_the_same_joint_in_any_world(name, seed, request):
+    clip = request.getfixturevalue(name)
+    level = fit_recording(clip.recording).posterior.best.joint
+    T = _other_world(seed, clip)
+    posterior = fit_recording(_in_another_world(clip.recording, T)).posterior
+    joint = posterior.best.joint
+    assert posterior.kind == level.kind
+    axis = T.rotation().matrix().T @ joint.axis
+    assert np.linalg.norm(axis - level.axis) < 0.1 * level.axis_sd_rad
+    assert_allclose(joint.axis_sd_rad, level.axis_sd_rad, rtol=0.02)
+    if level.pivot is not None:
+        off = np.cross(T.transformTo(joint.pivot) - level.pivot, level.axis)
+        assert np.linalg.norm(off) < 0.1 * level.pivot_sd_m
+
+
+def test_a_part_that_is_not_on_what_was_taken_for_the_object_is_found(door):
+    class Elsewhere:
+        """Takes a piece of floor for the object."""
+
+        def segment(self, frame):
+            mask = np.zeros(frame.depth_m.shape, dtype=bool)
+            mask[-30:, :60] = True
+            return mask
+
+    with mock.patch("akm_fg.perception.observe.DepthObjectSegmenter", lambda *_: Elsewhere()):
+        assert fit_recording(door.recording).posterior.kind == "revolute"
+    with pytest.raises((NoMotionObserved, TracksLost)):  # who says where it is, is believed
+        fit_recording(door.recording, stages=Stages(segmenter=Elsewhere()))

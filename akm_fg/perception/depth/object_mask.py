@@ -1,9 +1,11 @@
-"""The object in a depth image: what is left when floor and wall are taken away.
+"""The object in a depth image: what is left when floor and walls are taken away.
 
-The floor is the lowest level plane below the camera with nothing beneath it; the wall is an
-upright plane with nothing behind it. Either may be missing. A cabinet's own front is a large
-plane too: it is kept, because floor or wall are seen behind it; where neither is seen, because
-nothing but a handle stands out from it.
+Floor and walls are large planes with nothing behind them: everything else that is seen lies on the
+camera's side. Any may be missing. A cabinet's own front is a large plane too: it is kept, because
+floor, wall or another of its faces are seen behind it; where none is, because nothing but a handle
+stands out from it. All is judged in the camera's axes, so that the same image gives the same
+object whatever the world's axes are. A plane that faces the image's upper edge may be a floor,
+from which little need stand out: what is up in the world is not asked for.
 """
 
 from __future__ import annotations
@@ -27,30 +29,36 @@ class DepthSegmenterConfig:
     seed: int = 0  # the same frame gives the same mask
     near_m: float = 0.008  # half thickness of a plane, before noise: boards are rarely flatter
     near_sigmas: float = 3.0  # of depth noise, on top
-    level_deg: float = 8.0  # how far a floor's normal may be from vertical: camera tilt error
+    floor_deg: float = 60.0  # of a floor's normal from the image's up: cameras tilt -30 to 60 deg
     min_support: float = 0.03  # of all points; a smaller plane is not a floor or a wall
     max_beyond: float = 0.01  # of all points: flying pixels behind a wall or under a floor
     min_relief: float = 0.02  # of all points that stand out from a wall: more than a handle does
     relief_m: float = 0.08  # how far they stand out at least: handles reach 4 to 6 cm
-    planes_tried: int = 4  # largest upright planes looked at: wall, other wall, front, side
+    planes_tried: int = 4  # largest planes looked at: wall, other wall, front, side
+    walls: int = 2  # taken away: corners of rooms; a floor seen by a camera on its side
     close_px: int = 5  # holes and cracks up to this width at 640 pixels are closed
     min_area: float = 0.002  # of the image; a smaller component is noise
 
 
 @dataclass(frozen=True, slots=True)
 class _Plane:
-    """Points p with normal . p = offset; the normal points to the camera's side."""
+    """Points with normal . p_cam = offset; the normal points to the camera's side."""
 
     normal: FloatArray  # (3,)
     offset: float
 
-    def height(self, p: FloatArray) -> FloatArray:
+    def height(self, p_cam: FloatArray) -> FloatArray:
         """Signed distances (...) of points (..., 3), positive on the camera's side."""
-        return np.asarray(p @ self.normal - self.offset)
+        return np.asarray(p_cam @ self.normal - self.offset)
+
+    @property
+    def distance_m(self) -> float:
+        """Of the camera."""
+        return -self.offset
 
 
 class DepthObjectSegmenter:
-    """An `ObjectSegmenter` that needs depth alone; T_world_cam must know what is up."""
+    """An `ObjectSegmenter` that needs depth alone; T_world_cam is not looked at."""
 
     def __init__(
         self, config: DepthSegmenterConfig | None = None, noise: DepthNoiseModel | None = None
@@ -69,39 +77,38 @@ class DepthObjectSegmenter:
         v, u = np.mgrid[: camera.height, : camera.width].astype(np.float64)
         depth = frame.depth_m.astype(np.float64)
         p_cam = camera.back_project(np.stack([u, v], axis=-1), depth)
-        R, eye = frame.T_world_cam.rotation().matrix(), frame.T_world_cam.translation()
-        p_world = p_cam @ R.T + eye
         near_m = config.near_m + config.near_sigmas * self.noise.sigma_m(depth, camera.fx)
-        left = np.asarray(np.isfinite(p_world).all(axis=-1))
+        left = np.isfinite(depth)
         step = slice(None, None, config.stride_px)
         sample = left[step, step]
-        points, near = p_world[step, step][sample], near_m[step, step][sample]
+        points, near = p_cam[step, step][sample], near_m[step, step][sample]
         if len(points) < 3:
             raise TracksLost("no object found: the depth image is empty")
-        for plane in _background(points, near, eye, config):
-            left &= plane.height(p_world) > near_m
+        for plane in _background(points, near, config):
+            left &= plane.height(p_cam) > near_m
         mask = _largest_component(left, config)
         if mask.mean() < config.min_area:
             raise TracksLost("no object found: nothing stands out from floor and wall")
         return mask
 
 
-def _background(
-    points: FloatArray, near: FloatArray, eye: FloatArray, config: DepthSegmenterConfig
-) -> list[_Plane]:
-    """Floor and wall, as far as they are seen, of points (N, 3)."""
+def _background(points: FloatArray, near: FloatArray, config: DepthSegmenterConfig) -> list[_Plane]:
+    """Floor and walls, as far as they are seen, of points (N, 3) in the camera's axes."""
     rng = np.random.default_rng(config.seed)
     found: list[_Plane] = []
     rest = np.ones(len(points), dtype=bool)
-    for upright in (False, True):
-        candidates = _large_planes(points, near, rest, upright, eye, rng, config)
-        allowed = [p for p in candidates if _is_behind_everything(p, points, near, config)]
-        if upright:
-            allowed = [p for p in allowed if _has_relief(p, points, rest, config)]
-        if allowed:
-            plane = max(allowed, key=lambda p: float(p.height(eye)))  # the farthest
-            found.append(plane)
-            rest &= plane.height(points) > near
+    for floor in (True, False):
+        candidates = _large_planes(points, near, rest, floor, rng, config)
+        behind = [p for p in candidates if _is_behind_everything(p, points, near, config)]
+        behind.sort(key=lambda p: -p.distance_m)
+        taken = 0
+        for plane in behind:
+            if taken < (1 if floor else config.walls) and (
+                floor or _has_relief(plane, points, rest, config)
+            ):
+                found.append(plane)
+                rest &= plane.height(points) > near
+                taken += 1
     return found
 
 
@@ -109,18 +116,17 @@ def _large_planes(
     points: FloatArray,
     near: FloatArray,
     rest: BoolArray,
-    upright: bool,
-    eye: FloatArray,
+    floor: bool,
     rng: np.random.Generator,
     config: DepthSegmenterConfig,
 ) -> list[_Plane]:
-    """The planes with most support, level or upright, found one after the other."""
+    """The planes with most support, of floors or of walls, found one after the other."""
     left, planes = rest.copy(), []
     for _ in range(config.planes_tried):
         index = np.flatnonzero(left)
         if len(index) < config.min_support * len(points) or len(index) < 3:
             break
-        plane = _ransac(points[index], near[index], upright, eye, rng, config)
+        plane = _ransac(points[index], near[index], floor, rng, config)
         if plane is None:
             break
         support = left & (np.abs(plane.height(points)) < near)
@@ -134,45 +140,41 @@ def _large_planes(
 def _ransac(
     points: FloatArray,
     near: FloatArray,
-    upright: bool,
-    eye: FloatArray,
+    floor: bool,
     rng: np.random.Generator,
     config: DepthSegmenterConfig,
 ) -> _Plane | None:
-    """The best-supported plane whose normal is vertical, or horizontal, refined once."""
+    """The best-supported plane that may be a floor, or that may be none, refined once."""
     corners = points[rng.integers(0, len(points), (config.samples, 3))]
     normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     length = np.linalg.norm(normals, axis=1)
-    tilt = np.abs(normals[:, 2]) / np.maximum(length, 1e-12)
-    limit = np.deg2rad(config.level_deg)
-    good = (length > 1e-9) & ((tilt < np.sin(limit)) if upright else (tilt > np.cos(limit)))
+    facing = np.where(np.einsum("si,si->s", normals, corners[:, 0]) < 0, 1.0, -1.0)
+    upwards = -facing * normals[:, 1] > np.cos(np.deg2rad(config.floor_deg)) * length
+    good = (length > 1e-9) & (upwards == floor)
     if not good.any():
         return None
     normals, corner = normals[good] / length[good, None], corners[good, 0]
     some = slice(None, None, max(1, len(points) // 2000))
     distance = np.abs(points[some] @ normals.T - np.einsum("si,si->s", normals, corner))
     best = int((distance < near[some, None]).sum(axis=0).argmax())
-    plane = _facing(normals[best], corner[best], eye)
+    plane = _facing(normals[best], corner[best])
     inliers = points[np.abs(plane.height(points)) < near]
     if len(inliers) < 3:
         return plane
     centre = inliers.mean(axis=0)
     normal = np.linalg.svd((inliers - centre).T @ (inliers - centre))[0][:, 2]
-    return _facing(normal, centre, eye)
+    return _facing(normal, centre)
 
 
-def _facing(normal: FloatArray, point: FloatArray, eye: FloatArray) -> _Plane:
-    normal = normal if normal @ (eye - point) > 0 else -normal
+def _facing(normal: FloatArray, point: FloatArray) -> _Plane:
+    normal = -normal if normal @ point > 0 else normal
     return _Plane(normal, float(normal @ point))
 
 
 def _is_behind_everything(
     plane: _Plane, points: FloatArray, near: FloatArray, config: DepthSegmenterConfig
 ) -> bool:
-    """Whether (almost) no point lies beyond the plane; a floor must face up."""
-    level = abs(plane.normal[2]) > np.cos(np.deg2rad(config.level_deg))
-    if level and plane.normal[2] < 0:
-        return False
+    """Whether (almost) no point lies beyond the plane."""
     beyond = (plane.height(points) < -2 * near).mean()
     return bool(beyond < config.max_beyond)
 
@@ -180,7 +182,7 @@ def _is_behind_everything(
 def _has_relief(
     plane: _Plane, points: FloatArray, rest: BoolArray, config: DepthSegmenterConfig
 ) -> bool:
-    """Whether more than a handle stands out from the plane (floor already removed)."""
+    """Whether more than a handle stands out from the plane (what was taken already apart)."""
     out = rest & (plane.height(points) > config.relief_m)
     return bool(out.mean() > config.min_relief)
 

@@ -1,11 +1,14 @@
 """The object mask against the rendered truth, with and without floor, wall and robot."""
 
+from dataclasses import replace
+
+import gtsam
 import numpy as np
 import pytest
 
 from akm_fg.errors import TracksLost
 from akm_fg.perception.depth.object_mask import DepthObjectSegmenter
-from akm_fg.records import RgbdFrame
+from akm_fg.records import PinholeCamera, RgbdFrame
 
 CLOSE = {"eye": (0.7, 0.0, 0.4), "target": (0.0, 0.0, 0.36)}
 CASES = {
@@ -53,3 +56,25 @@ def test_a_floor_alone_is_no_object(still) -> None:
 def test_the_same_frame_gives_the_same_mask(door) -> None:
     a, b = (DepthObjectSegmenter().segment(door.frames[3]) for _ in range(2))
     np.testing.assert_array_equal(a, b)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_the_mask_is_the_same_in_any_world(door, seed: int) -> None:
+    frame, rng = door.frames[3], np.random.default_rng(seed)
+    R = gtsam.Rot3.Expmap(rng.uniform(-np.pi, np.pi, 3))
+    turned = replace(frame, T_world_cam=gtsam.Pose3(R, rng.normal(size=3)))
+    np.testing.assert_array_equal(
+        DepthObjectSegmenter().segment(turned), DepthObjectSegmenter().segment(frame)
+    )
+
+
+@pytest.mark.parametrize("quarters", (1, 2, 3))
+def test_a_camera_that_lies_on_its_side_sees_the_object(door, quarters: int) -> None:
+    frame = door.frames[0]
+    rolled = np.rot90(frame.depth_m, quarters).copy()
+    h, w = rolled.shape
+    camera = PinholeCamera(w, h, frame.camera.fx, frame.camera.fy, (w - 1) / 2, (h - 1) / 2)
+    rgb = np.zeros((h, w, 3), np.uint8)
+    mask = DepthObjectSegmenter().segment(RgbdFrame(0.0, rgb, rolled, camera, frame.T_world_cam))
+    truth = np.rot90(np.isin(door.labels[0], (1, 2)), quarters)
+    assert (mask & truth).sum() / (mask | truth).sum() > 0.92
