@@ -5,6 +5,7 @@ Conventions: docs/conventions.md.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from typing import Literal
 
@@ -12,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import integrate, optimize, special
 
-from akm_fg.records import FloatArray
+from akm_fg.records import Doubt, FloatArray
 from factors.joint import Joint, JointKind, Unit
 
 NamedKind = Literal["rigid", "prismatic", "revolute", "helical", "undecided"]
@@ -189,6 +190,15 @@ class ArticulationPosterior:
             holds=tuple((int(numbers[a]), int(numbers[b])) for a, b in self.fit.holds),
         )
         return replace(self, alternatives=alternatives, fit=fit)
+
+
+def doubted(posterior: ArticulationPosterior, doubts: Sequence[Doubt]) -> ArticulationPosterior:
+    """The answer with warnings; undecided where one of them takes its ground away."""
+    if not doubts:
+        return posterior
+    warnings = (*posterior.fit.warnings, *(doubt.text for doubt in doubts))
+    kind: NamedKind = "undecided" if any(d.decides for d in doubts) else posterior.kind
+    return replace(posterior, kind=kind, fit=replace(posterior.fit, warnings=warnings))
 
 
 def radius_quantile(cov: FloatArray, level: float) -> float:

@@ -187,3 +187,11 @@ class RoundSummary:
     state_mean: float  # the belief after looking
     state_sd: float
     p_within_tolerance: float  # probability that |state - target| <= tolerance
+
+
+@dataclass(frozen=True, slots=True)
+class Doubt:
+    """What speaks against an answer, or against an input that it did not rest on."""
+
+    text: str  # one line: what is seen, the likely mistake, what is expected
+    decides: bool = True  # the answer rests on it: no kind is named

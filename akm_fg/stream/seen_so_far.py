@@ -16,7 +16,9 @@ from numpy.typing import NDArray
 from akm_fg.estimation.fit import one_blas_thread
 from akm_fg.perception.observe import MotionObserver
 from akm_fg.perception.observed import ObservedMotion
+from akm_fg.perception.rig.camera_motion import StillCamera
 from akm_fg.perception.tracking.track_store import SeenPoints
+from akm_fg.posterior import doubted
 from akm_fg.records import BoolArray, Recording, RgbdFrame
 from akm_fg.stages import JointEstimator, ModelSettings, RecordingFit, Sources, Stages
 from akm_fg.steps import Steps, to_end
@@ -55,6 +57,7 @@ class SeenSoFar:
         self._hands: list[Hand | None] = []
         self._grasp: tuple[int, int] | None = None  # first stretch of frames in which it holds
         self._watching_s = 0.0
+        self._still: StillCamera | None = None
 
     @property
     def frames(self) -> int:
@@ -123,10 +126,21 @@ class SeenSoFar:
         with one_blas_thread():
             given = self.stages.estimator
             fit = self._estimated() if given is None else self._given(given)
+            fit = self._checked(fit)
         fit_s = time.perf_counter() - began
         watching_s = self._watching_s
         times = {"total": watching_s + fit_s, "perception": watching_s, "fit": fit_s}
         return replace(fit, posterior=replace(fit.posterior, time_s=times))
+
+    def _checked(self, fit: RecordingFit) -> RecordingFit:
+        """With what speaks against it."""
+        kept, config = self._observer.kept, self.settings.perception
+        if self._still is None:
+            noise, mask = config.observe.noise, fit.observed.object_mask
+            self._still = StillCamera(kept.frames[0], mask, noise, config.still_camera)
+        motion = self._still.motion(dict(zip(kept.numbers.tolist(), kept.frames, strict=True)))
+        doubts = () if motion is None else (motion.doubt(),)
+        return replace(fit, posterior=doubted(fit.posterior, doubts))
 
     def _estimated(self) -> RecordingFit:
         """By the default estimator; frames that are not kept get their states beside the graph."""
