@@ -77,7 +77,10 @@ class RgbdFrame:
 
 @dataclass(frozen=True, slots=True)
 class Recording:
-    """What one fixed camera saw while a part was moved. Holds no truth: see JointTruth."""
+    """What one camera saw while a part was moved. Holds no truth: see JointTruth.
+
+    The camera stands still, or every frame knows where it was.
+    """
 
     name: str
     frames: tuple[RgbdFrame, ...]

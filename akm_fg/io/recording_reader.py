@@ -10,6 +10,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any, cast
 
+import gtsam
 import numpy as np
 
 from akm_fg.errors import InputError
@@ -93,6 +94,16 @@ def _camera(fields: Fields) -> PinholeCamera:
     )
 
 
+def _camera_poses(fields: Fields, n: int) -> tuple[gtsam.Pose3, ...]:
+    """One a frame; a single one is of a camera that stands still."""
+    value = fields.values.get("T_world_cam")
+    for _ in range(2):  # a matrix is a list of lists, several are a list of these
+        value = value[0] if isinstance(value, list) and value else None
+    if isinstance(value, list):
+        return fields.poses("T_world_cam", n)
+    return (fields.pose("T_world_cam"),) * n
+
+
 def _grasp_frames(fields: Fields, n: int) -> tuple[int, int] | None:
     if not fields.has("grasp_frames"):
         return None
@@ -136,7 +147,7 @@ def _read_images(
     folder: Path, fields: Fields, stamps_s: FloatArray, take: int
 ) -> tuple[tuple[RgbdFrame, ...], tuple[BoolArray, ...] | None]:
     """The first `take` frames, and their object masks where there are any."""
-    camera, T_world_cam = _camera(fields), fields.pose("T_world_cam")
+    camera, poses = _camera(fields), _camera_poses(fields, len(stamps_s))
     depth_unit_m = fields.positive("depth_unit_m")
     has_masks = (folder / "mask").is_dir()
     for channel in ("rgb", "depth", "mask")[: 3 if has_masks else 2]:
@@ -148,7 +159,7 @@ def _read_images(
         depth_m = depth_from_raw(
             read_depth_raw(frame_file(folder, "depth", i), *size), depth_unit_m
         )
-        frames.append(RgbdFrame(float(stamp_s), rgb, depth_m, camera, T_world_cam))
+        frames.append(RgbdFrame(float(stamp_s), rgb, depth_m, camera, poses[i]))
         if has_masks:
             masks.append(read_mask(frame_file(folder, "mask", i), *size))
     return tuple(frames), tuple(masks) or None

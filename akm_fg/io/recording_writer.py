@@ -29,6 +29,7 @@ class _Written:
     """What `recording.json` says of one frame."""
 
     stamp_s: float
+    T_world_cam: FloatArray  # (4, 4)
     T_world_gripper: FloatArray | None  # (4, 4)
     has_mask: bool
 
@@ -39,7 +40,7 @@ class RecordingWriter:
         with RecordingWriter(folder) as writer:
             writer.add(camera.capture(), T_world_gripper=arm.T_world_gripper())
 
-    The first frame sets the camera and its pose, and whether there are masks and gripper poses;
+    The first frame sets the camera, and whether there are masks and gripper poses;
     the others must agree. Depth is rounded to whole units; everything else comes back as it is,
     and so does the depth of frames that are `as_stored`.
     """
@@ -108,7 +109,8 @@ class RecordingWriter:
         self._first = self._first if self._written else frame
         grip = None if T_world_gripper is None else T_world_gripper.matrix()
         # One step, so that an interrupt finds either all of a frame or nothing.
-        self._written.append(_Written(float(frame.stamp_s), grip, object_mask is not None))
+        place = frame.T_world_cam.matrix()
+        self._written.append(_Written(float(frame.stamp_s), place, grip, object_mask is not None))
         self._describe()
 
     def set_grasp_frames(self, first: int, last: int) -> None:
@@ -147,14 +149,12 @@ class RecordingWriter:
         if not np.isfinite(frame.stamp_s):
             raise ValueError(f"stamp_s is {frame.stamp_s}, must be finite")
         _check_pose("T_world_gripper", grip)
+        _check_pose("T_world_cam", frame.T_world_cam)
         if self._first is None or not self._written:
-            _check_pose("T_world_cam", frame.T_world_cam)
             return
         last = self._written[-1]
         if frame.camera != self._first.camera:
             raise ValueError(f"camera {frame.camera}, but the first frame has {self._first.camera}")
-        if not frame.T_world_cam.equals(self._first.T_world_cam, 0.0):
-            raise ValueError("T_world_cam differs from the first frame's; the camera is fixed")
         if frame.stamp_s <= last.stamp_s:
             raise ValueError(f"stamp_s {frame.stamp_s} after {last.stamp_s}, must grow")
         if (object_mask is not None) != last.has_mask:
@@ -167,6 +167,8 @@ class RecordingWriter:
         camera = self._first.camera
         names = ("width", "height", "fx", "fy", "cx", "cy")
         poses = [w.T_world_gripper for w in self._written]
+        places = [w.T_world_cam for w in self._written]
+        still = all(np.array_equal(place, places[0]) for place in places)
         grips = [T.tolist() for T in poses if T is not None] or None
         truth = self._truth
         if truth is not None and len(truth.states) != len(self):
@@ -175,7 +177,7 @@ class RecordingWriter:
             "schema": SCHEMA,
             "camera": {name: getattr(camera, name) for name in names},
             "depth_unit_m": self._depth_unit_m,
-            "T_world_cam": self._first.T_world_cam.matrix().tolist(),
+            "T_world_cam": places[0].tolist() if still else [p.tolist() for p in places],
             "stamps_s": [w.stamp_s for w in self._written],
             "T_world_gripper": grips,
             "grasp_frames": None if self._grasp_frames is None else list(self._grasp_frames),

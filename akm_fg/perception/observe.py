@@ -80,7 +80,7 @@ class MotionObserver:
         """Follow the object into the next frame.
 
         Args:
-            frame: of a camera that stands still.
+            frame: of a camera that stands still, or whose pose in every frame is known.
             object_mask: (H, W) the object in it, where that is known.
             hand_world: (3,) where the gripper is, while it holds the part.
 

@@ -24,6 +24,7 @@ from akm_fg.geometry.rigid_motion import MIN_POINTS, free_rigid_motion
 from akm_fg.perception.change.depth_change import explained_share
 from akm_fg.perception.change.depth_motion import DepthMotion, depth_motion
 from akm_fg.perception.config import PerceptionConfig
+from akm_fg.perception.depth.other_view import stands_still
 from akm_fg.perception.moving_part.following import following
 from akm_fg.perception.observed import ObservedMotion
 from akm_fg.perception.surface.changed_surface import ChangedSurface
@@ -70,7 +71,7 @@ def estimate_in_steps(
 ) -> Steps[JointEstimate]:
     """`estimate_joint`, with a pause after every piece of work."""
     change = None
-    if settings.sources != "tracks":
+    if settings.sources != "tracks" and stands_still(recording.frames):  # pixels are compared
         change = yield from better_than_tracks(recording, observed, settings.perception)
     if change is None:
         try:

@@ -80,7 +80,7 @@ class SeenSoFar:
         """Look at the next frame.
 
         Args:
-            frame: of a camera that stands still.
+            frame: of a camera that stands still, or whose pose in every frame is known.
             hand: the gripper at that time, where it is known.
             object_mask: (H, W) the object in it, where that is known.
 
@@ -138,8 +138,8 @@ class SeenSoFar:
         if self._still is None:
             noise, mask = config.observe.noise, fit.observed.object_mask
             self._still = StillCamera(kept.frames[0], mask, noise, config.still_camera)
-        motion = self._still.motion(dict(zip(kept.numbers.tolist(), kept.frames, strict=True)))
-        doubts = () if motion is None else (motion.doubt(),)
+        frames = dict(zip(kept.numbers.tolist(), kept.frames, strict=True))
+        doubts = self._still.doubts(frames, fit.posterior.fit.tracks_used)
         return replace(fit, posterior=doubted(fit.posterior, doubts))
 
     def _estimated(self) -> RecordingFit:

@@ -1,8 +1,9 @@
 """The object in a later frame: where it was in the first, and what stands out before that now.
 
-The camera stands still. A part that opens covers what was beside the object with something nearer
+A part that opens covers what was beside the object with something nearer
 and joined to it; what it uncovers is the object's inside. So the object is searched for once, in
-the first frame. The robot's pixels carry no depth and are never part of it.
+the first frame; where the camera has moved since, that frame is carried over to where it is now.
+The robot's pixels carry no depth and are never part of it.
 """
 
 from __future__ import annotations
@@ -13,6 +14,7 @@ import cv2
 import numpy as np
 
 from akm_fg.perception.depth.depth_noise import DepthNoiseModel
+from akm_fg.perception.depth.other_view import same_view, seen_from
 from akm_fg.records import BoolArray, RgbdFrame
 
 
@@ -35,13 +37,16 @@ def object_now(
     """(H, W), True on the object in `frame`.
 
     Args:
-        first: an earlier frame of the same camera.
+        first: an earlier frame of the same camera, wherever it stood.
         first_mask: (H, W) the object in it.
         frame: the frame in question.
         noise: of the depth.
         config: tuning.
     """
     config = config or ObjectNowConfig()
+    if not same_view(first, frame):
+        before = seen_from(first, frame.T_world_cam)
+        first, first_mask = before.frame, before.carried(first_mask)
     sigma = np.sqrt(2.0) * noise.sigma_m(first.depth_m.astype(np.float64), first.camera.fx)
     with np.errstate(invalid="ignore"):
         out = first.depth_m - frame.depth_m > config.sigmas * sigma + config.least_m  # NaN: False

@@ -1,7 +1,8 @@
 """Does a pixel of one frame rest, or move with the part? What another frame says.
 
-The camera is fixed. A resting pixel has the same depth in the other frame; a point of the part,
-carried by the part's rigid motion, lies on the surface seen there. For either hypothesis with
+A resting pixel of a fixed camera has the same depth in the other frame, and that of a camera which
+moves as its poses say lies on the surface seen there; so does a point of the part, carried by the
+part's rigid motion. For either hypothesis with
 depth error d = seen - predicted, the log-likelihood ratio against "anything may be seen there"
 is
 
@@ -90,7 +91,7 @@ def gather_likelihood(
     judge = _Judge(view, box, noise, config)
     sums = [np.zeros(judge.z.shape, np.float32) for _ in range(3)]
     for other, moved_world in others:
-        static = judge.score(other.depth_m[box] - judge.z, other.texture[box])
+        static = judge.score(*judge.at_rest(other, box))
         moving = judge.score(*judge.look_up(other, moved_world))
         bound = config.max_per_frame
         ratio = np.clip(moving - static, -bound, bound)
@@ -118,7 +119,7 @@ def on_background(
         config: tuning.
     """
     judge = _Judge(view, box, noise, config)
-    rest = np.asarray(judge.score(background.depth_m[box] - judge.z, None) > 0)
+    rest = np.asarray(judge.score(judge.at_rest(background, box)[0], None) > 0)
     if moved_world is not None:
         rest |= judge.score(judge.look_up(background, moved_world)[0], None) > 0
     return rest
@@ -162,6 +163,12 @@ class _Judge:
             same = self._texture_at_zero - r * r * self._texture_information
             fits += np.clip(same, -c.max_texture, c.max_texture)
         return np.asarray(np.where(np.isnan(error_m), 0, np.maximum(fits, floor)), np.float32)
+
+    def at_rest(self, other: MaskView, box: Box) -> tuple[Image, Image]:
+        """As `look_up`, of points that did not move; without a search where the camera stood."""
+        if other.T_world_cam.equals(self._view.T_world_cam, 0.0):
+            return other.depth_m[box] - self.z, other.texture[box]
+        return self.look_up(other, gtsam.Pose3())
 
     def look_up(self, other: MaskView, moved_world: gtsam.Pose3) -> tuple[Image, Image]:
         """Seen minus predicted depth, NaN if unseen, and texture, where the points moved to."""

@@ -18,6 +18,7 @@ import numpy as np
 from akm_fg.geometry.rigid_motion import MIN_POINTS, RigidMotion, free_rigid_motion
 from akm_fg.perception.depth.depth_noise import DepthNoiseModel
 from akm_fg.perception.depth.depth_planes import Box, Image, bounding_box
+from akm_fg.perception.depth.other_view import same_view, seen_from
 from akm_fg.perception.moving_part.mask_cleanup import (
     MaskCleanupConfig,
     SurfaceNeighbours,
@@ -189,6 +190,8 @@ class _Scene:
     def _region(self, k: int) -> Box:
         """Rows and columns that hold the object at rest and the part in frame k."""
         frame, mask = self._frames[k], self._observed.object_mask
+        if not same_view(self._frames[0], frame):
+            mask = seen_from(self._frames[0], frame.T_world_cam).carried(mask)
         region = np.zeros_like(mask)
         T_cam_world = frame.T_world_cam.inverse()
         R, t = T_cam_world.rotation().matrix(), T_cam_world.translation()

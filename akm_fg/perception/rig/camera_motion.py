@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 
 from akm_fg.perception.depth.depth_noise import DepthNoiseModel
 from akm_fg.perception.depth.depth_planes import PlaneSamples, depth_planes
+from akm_fg.perception.depth.other_view import same_view, stands_still
 from akm_fg.perception.tracking.lifting import local_depth
 from akm_fg.perception.tracking.seeding import SeedingConfig, seed_points
 from akm_fg.records import BoolArray, Doubt, FloatArray, RgbdFrame
@@ -49,6 +50,7 @@ class CameraMotionConfig:
     still_share: float = 0.15  # of all corners, where there is nothing but the object
     frames: int = 16  # compared with the first, 8 ms each
     least_frames: int = 2  # off, where so many and more are compared: one may be blurred
+    least_tracks: int = 20  # if it moves: outlines that slide are corners of plain parts too
     dof: float = 3.0  # of the Student-t weights: hands and shadows are common
     iterations: int = 10
     pixels: int = 3000  # of depth, where there are no corners
@@ -150,9 +152,17 @@ class StillCamera:
         moved = [k for k, s in known.items() if s.moved]
         if len(moved) < (c.least_frames if len(known) > c.least_frames else 1):
             return None
-        first = self._first.T_world_cam
-        said = any(not frame.T_world_cam.equals(first, 0.0) for frame in frames.values())
+        said = not stands_still(frames.values())
         return CameraMotion(moved[0], max(known[k].off_m for k in moved), said)
+
+    def doubts(self, frames: dict[int, RgbdFrame], tracks_used: int) -> list[Doubt]:
+        """About an answer that rests on these frames and on so many tracks."""
+        motion, least = self.motion(frames), self._config.least_tracks
+        found = [] if motion is None else [motion.doubt()]
+        if tracks_used < least and not stands_still(frames.values()):
+            few = f"only {tracks_used} points tell the motion before a camera that moves"
+            found.append(Doubt(f"{few}; expected at least {least}, or a camera that stands still"))
+        return found
 
     def _by_corners(self, frame: RgbdFrame) -> CameraShift | None:
         c, camera = self._config, self._first.camera
@@ -181,7 +191,7 @@ class StillCamera:
     def _by_depth(self, frame: RgbdFrame) -> CameraShift | None:
         """By the planes of what is beside the object, where the camera is said to stand still."""
         c, first = self._config, self._first
-        if not frame.T_world_cam.equals(first.T_world_cam, 0.0):
+        if not same_view(first, frame):
             return None
         uv, at = self._surroundings()
         u, v = uv.astype(int).T

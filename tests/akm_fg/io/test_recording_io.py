@@ -264,14 +264,31 @@ def test_the_writer_refuses_frames_that_do_not_go_together(tmp_path: Path) -> No
     writer.add(a)
     with pytest.raises(ValueError, match="must grow"):
         writer.add(a)
-    with pytest.raises(ValueError, match="camera is fixed"):
-        writer.add(RgbdFrame(9.0, b.rgb, b.depth_m, CAMERA, gtsam.Pose3()))
     with pytest.raises(ValueError, match="object mask"):
         writer.add(b, object_mask=np.zeros((24, 32), bool))
     with pytest.raises(ValueError, match="gripper pose"):
         writer.add(b, T_world_gripper=gtsam.Pose3())
     with pytest.raises(ValueError, match="depth_unit_m"):
         RecordingWriter(tmp_path / "b", depth_unit_m=0)
+
+
+def test_a_camera_that_moves_comes_back_with_its_pose_in_every_frame(tmp_path: Path) -> None:
+    recording = make_recording()
+    moved = [gtsam.Pose3(gtsam.Rot3.Ry(0.1 * i), np.array([0.1 * i, 0, 0])) for i in range(3)]
+    pairs = zip(recording.frames, moved, strict=True)
+    frames = tuple(replace(f, T_world_cam=f.T_world_cam * T) for f, T in pairs)
+    write_recording(tmp_path / "a", replace(recording, frames=frames))
+    back = read_recording(tmp_path / "a")
+    for a, b in zip(frames, back.frames, strict=True):
+        np.testing.assert_array_equal(a.T_world_cam.matrix(), b.T_world_cam.matrix())
+    described = json.loads((tmp_path / "a" / "recording.json").read_text())
+    assert np.shape(described["T_world_cam"]) == (3, 4, 4)
+
+
+def test_camera_poses_for_other_frames_are_refused(folder: Path) -> None:
+    edit(folder, T_world_cam=[T_WORLD_CAM.matrix().tolist()] * 2)
+    with pytest.raises(InputError, match="`T_world_cam` is 2x4x4; expected 3 rigid transforms"):
+        read_recording(folder)
 
 
 def test_the_writer_refuses_poses_that_a_reader_would_mend(tmp_path: Path) -> None:

@@ -6,6 +6,7 @@ import gtsam
 import numpy as np
 import pytest
 
+from akm_fg.errors import InsufficientData
 from akm_fg.perception.depth.depth_noise import DepthNoiseModel
 from akm_fg.perception.depth.object_mask import DepthObjectSegmenter
 from akm_fg.perception.rig.camera_motion import StillCamera
@@ -117,3 +118,51 @@ def test_poses_that_are_told_are_held_against_the_pictures(film) -> None:
     motion = watched(told).motion(dict(enumerate(late)))
     assert motion is not None
     assert "expected T_world_cam to be the camera's pose in every frame" in motion.doubt().text
+
+
+def turning(seed: int) -> list[gtsam.Pose3]:
+    """A way of 15 cm with a turn of 10 deg, or a hand's tremble."""
+    share = np.linspace(0, 1, N)
+    if seed == 0:
+        return [
+            gtsam.Pose3(gtsam.Rot3.Ry(-0.17 * s), np.array([0.15, 0.02, 0.1]) * s) for s in share
+        ]
+    return hand_held(seed)
+
+
+@pytest.mark.parametrize("joint", ("revolute", "prismatic"))
+@pytest.mark.parametrize("seed", (0, 1))
+def test_a_moving_camera_whose_poses_are_told_gives_the_fixed_cameras_answer(
+    film, joint: str, seed: int
+) -> None:
+    states = OPENING if joint == "revolute" else np.linspace(0, 0.2, N)
+    scene = Cabinet(joint)
+    fixed, moving = (
+        fit_recording(film(scene, states, moved, told=True)).posterior
+        for moved in (way((0.0, 0.0, 0.0)), turning(seed))
+    )
+    assert moving.kind == fixed.kind == joint
+    assert not moving.fit.warnings
+    a, b = fixed.best.joint, moving.best.joint
+    sd_rad = np.hypot(a.axis_sd_rad, b.axis_sd_rad)
+    assert np.linalg.norm(a.axis - b.axis) < 3 * sd_rad and sd_rad < np.deg2rad(0.15)
+    if a.pivot is not None:
+        off_m = np.linalg.norm(np.cross(a.pivot - b.pivot, a.axis))
+        assert off_m < 3 * np.hypot(a.pivot_sd_m, b.pivot_sd_m) < 0.003
+    q, sd = moving.best.states.mean[-1], moving.best.states.sd[-1]
+    assert abs(q - states[-1]) < 4 * sd
+
+
+@pytest.mark.parametrize("joint", ("revolute", "prismatic"))
+@pytest.mark.parametrize("seed", (0, 1, 2))
+def test_of_a_plain_part_before_a_moving_camera_nothing_is_claimed(
+    film, joint: str, seed: int
+) -> None:
+    states = OPENING if joint == "revolute" else np.linspace(0, 0.2, N)
+    recording = film(Cabinet(joint, contrast=0.0), states, turning(seed), told=True)
+    try:
+        posterior = fit_recording(recording).posterior
+    except InsufficientData:
+        return
+    assert posterior.kind == "undecided"
+    assert any("before a camera that moves" in w for w in posterior.fit.warnings)
