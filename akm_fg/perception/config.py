@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from akm_fg.perception.change.depth_motion import DepthMotionConfig
 from akm_fg.perception.moving_part.following import FollowingConfig
 from akm_fg.perception.observe import ObserveConfig
-from akm_fg.perception.rig.camera_motion import CameraMotionConfig
+from akm_fg.perception.rig.config import RigConfig
 from akm_fg.perception.surface.part_surface import SurfaceConfig
 
 
@@ -19,4 +19,4 @@ class PerceptionConfig:
     change: DepthMotionConfig = field(default_factory=DepthMotionConfig)
     following: FollowingConfig = field(default_factory=FollowingConfig)
     surface: SurfaceConfig = field(default_factory=SurfaceConfig)
-    still_camera: CameraMotionConfig = field(default_factory=CameraMotionConfig)
+    rig: RigConfig = field(default_factory=RigConfig)

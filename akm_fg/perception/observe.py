@@ -71,6 +71,17 @@ class MotionObserver:
         self.store = TrackStore()
         self.kept = KeptFrames(config.kept)
 
+    @property
+    def object_mask(self) -> BoolArray:
+        """(H, W) the object in the first frame.
+
+        Raises:
+            ValueError: no frame yet.
+        """
+        if self._mask is None:
+            raise ValueError("no frame was watched yet")
+        return self._mask
+
     def watch(
         self,
         frame: RgbdFrame,
@@ -128,8 +139,7 @@ class MotionObserver:
 
     def observed_in_steps(self, frames: Frames | None = None) -> Steps[ObservedMotion]:
         """`observed`, with a pause after every piece of work: what came until it began."""
-        if self._mask is None:
-            raise ValueError("no frame was watched yet")
+        object_mask = self.object_mask
         kept, config = self.kept.numbers, self.config.motion
         tracks, pixels = self.store.point_tracks(frames), self.store.pixel_tracks(frames)
         hands = np.array(self._hands)[kept]
@@ -144,7 +154,7 @@ class MotionObserver:
             segmentation.static.sum(),
             segmentation.rejected.sum(),
         )
-        return ObservedMotion(tracks, pixels, segmentation, self._mask)
+        return ObservedMotion(tracks, pixels, segmentation, object_mask)
 
 
 def observe_motion(

@@ -13,16 +13,18 @@ import gtsam
 import numpy as np
 from numpy.typing import NDArray
 
+from akm_fg.errors import InsufficientData, TracksLost
 from akm_fg.estimation.fit import one_blas_thread
 from akm_fg.perception.observe import MotionObserver
 from akm_fg.perception.observed import ObservedMotion
-from akm_fg.perception.rig.camera_motion import StillCamera
+from akm_fg.perception.rig.depth_against_colour import depth_unit_doubts
 from akm_fg.perception.tracking.track_store import SeenPoints
 from akm_fg.posterior import doubted
 from akm_fg.records import BoolArray, Recording, RgbdFrame
 from akm_fg.stages import JointEstimator, ModelSettings, RecordingFit, Sources, Stages
 from akm_fg.steps import Steps, to_end
 from akm_fg.stream.joint_estimate import JointEstimate, estimate_in_steps
+from akm_fg.stream.rig_doubts import RigDoubts, told_with
 from akm_fg.stream.surface_state import with_surface_states
 
 
@@ -57,7 +59,7 @@ class SeenSoFar:
         self._hands: list[Hand | None] = []
         self._grasp: tuple[int, int] | None = None  # first stretch of frames in which it holds
         self._watching_s = 0.0
-        self._still: StillCamera | None = None
+        self._rig = RigDoubts(self.settings.perception)
 
     @property
     def frames(self) -> int:
@@ -91,7 +93,11 @@ class SeenSoFar:
         first, last = (number, number - 1) if self._grasp is None else self._grasp
         held = hand is not None and hand.holding and last == number - 1
         at = hand.T_world_gripper.translation() if held and hand is not None else None
-        seen = self._observer.watch(frame, object_mask, at)
+        try:
+            seen = self._observer.watch(frame, object_mask, at)
+        except TracksLost as error:
+            doubts = depth_unit_doubts(frame, self.settings.perception.rig.depth)
+            raise told_with(error, doubts) from error
         self._hands.append(hand)
         if held:
             self._grasp = first, number
@@ -125,7 +131,13 @@ class SeenSoFar:
         began = time.perf_counter()
         with one_blas_thread():
             given = self.stages.estimator
-            fit = self._estimated() if given is None else self._given(given)
+            try:
+                fit = self._estimated() if given is None else self._given(given)
+            except InsufficientData as error:
+                mask = self._observer.object_mask
+                raise told_with(
+                    error, self._rig.of_input(self._clip(), self.numbers, mask)
+                ) from error
             fit = self._checked(fit)
         fit_s = time.perf_counter() - began
         watching_s = self._watching_s
@@ -134,12 +146,9 @@ class SeenSoFar:
 
     def _checked(self, fit: RecordingFit) -> RecordingFit:
         """With what speaks against it."""
-        kept, config = self._observer.kept, self.settings.perception
-        if self._still is None:
-            noise, mask = config.observe.noise, fit.observed.object_mask
-            self._still = StillCamera(kept.frames[0], mask, noise, config.still_camera)
-        frames = dict(zip(kept.numbers.tolist(), kept.frames, strict=True))
-        doubts = self._still.doubts(frames, fit.posterior.fit.tracks_used)
+        clip, numbers = self._clip(), self.numbers
+        doubts = self._rig.of_input(clip, numbers, fit.observed.object_mask)
+        doubts += self._rig.of_answer(clip, numbers, fit.posterior)
         return replace(fit, posterior=doubted(fit.posterior, doubts))
 
     def _estimated(self) -> RecordingFit:

@@ -12,6 +12,7 @@ does: it is doubted only where next to nothing in it stands still.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import cv2
@@ -48,7 +49,7 @@ class CameraMotionConfig:
     agreeing_sigmas: float = 4.0
     agreeing_way: float = 0.25  # of the shift, or so much off: large motions are not linear
     still_share: float = 0.15  # of all corners, where there is nothing but the object
-    frames: int = 16  # compared with the first, 8 ms each
+    frames: int = 12  # compared with the first, 8 ms each
     least_frames: int = 2  # off, where so many and more are compared: one may be blurred
     least_tracks: int = 20  # if it moves: outlines that slide are corners of plain parts too
     dof: float = 3.0  # of the Student-t weights: hands and shadows are common
@@ -56,6 +57,14 @@ class CameraMotionConfig:
     pixels: int = 3000  # of depth, where there are no corners
     independent: float = 200.0  # of them at most: depth errs in large patches
     depth_share: float = 0.001  # of the distance, by which depth as a whole wavers
+
+    def few_tracks(self, frames: Sequence[RgbdFrame], tracks_used: int) -> list[Doubt]:
+        """About an answer that rests on so many tracks."""
+        if tracks_used >= self.least_tracks or stands_still(frames):
+            return []
+        few = f"only {tracks_used} points tell the motion before a camera that moves"
+        expected = f"expected at least {self.least_tracks}, or a camera that stands still"
+        return [Doubt(f"{few}; {expected}")]
 
 
 @dataclass(frozen=True, slots=True)
@@ -154,15 +163,6 @@ class StillCamera:
             return None
         said = not stands_still(frames.values())
         return CameraMotion(moved[0], max(known[k].off_m for k in moved), said)
-
-    def doubts(self, frames: dict[int, RgbdFrame], tracks_used: int) -> list[Doubt]:
-        """About an answer that rests on these frames and on so many tracks."""
-        motion, least = self.motion(frames), self._config.least_tracks
-        found = [] if motion is None else [motion.doubt()]
-        if tracks_used < least and not stands_still(frames.values()):
-            few = f"only {tracks_used} points tell the motion before a camera that moves"
-            found.append(Doubt(f"{few}; expected at least {least}, or a camera that stands still"))
-        return found
 
     def _by_corners(self, frame: RgbdFrame) -> CameraShift | None:
         c, camera = self._config, self._first.camera

@@ -1,0 +1,18 @@
+"""All tuning of the checks on a rig."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+from akm_fg.perception.rig.camera_motion import CameraMotionConfig
+from akm_fg.perception.rig.depth_against_colour import DepthAgainstColourConfig
+from akm_fg.perception.rig.gripper_place import GripperPlaceConfig
+
+
+@dataclass(frozen=True, slots=True)
+class RigConfig:
+    """Camera, depth and gripper, held against what is seen."""
+
+    camera: CameraMotionConfig = field(default_factory=CameraMotionConfig)
+    depth: DepthAgainstColourConfig = field(default_factory=DepthAgainstColourConfig)
+    gripper: GripperPlaceConfig = field(default_factory=GripperPlaceConfig)

@@ -1,0 +1,64 @@
+"""What speaks against an answer: camera, depth, gripper and part held against each other."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from akm_fg.errors import InsufficientData
+from akm_fg.perception.config import PerceptionConfig
+from akm_fg.perception.depth.other_view import stands_still
+from akm_fg.perception.rig.camera_motion import StillCamera
+from akm_fg.perception.rig.depth_against_colour import depth_unit_doubts, lag_doubts
+from akm_fg.perception.rig.gripper_place import motion_doubts, place_doubts
+from akm_fg.posterior import ArticulationPosterior
+from akm_fg.records import BoolArray, Doubt, Recording
+
+
+class RigDoubts:
+    """Of one recording or stream; what was compared once is remembered."""
+
+    def __init__(self, config: PerceptionConfig) -> None:
+        """Nothing is compared yet."""
+        self._config = config
+        self._still: StillCamera | None = None
+
+    def of_input(
+        self, clip: Recording, numbers: NDArray[np.int_], object_mask: BoolArray
+    ) -> list[Doubt]:
+        """About what was put in, whatever the answer.
+
+        Args:
+            clip: the frames that are kept.
+            numbers: of these, growing; the first is 0.
+            object_mask: (H, W) in the first frame.
+        """
+        rig, noise = self._config.rig, self._config.observe.noise
+        if self._still is None:
+            self._still = StillCamera(clip.frames[0], object_mask, noise, rig.camera)
+        motion = self._still.motion(dict(zip(numbers.tolist(), clip.frames, strict=True)))
+        found = depth_unit_doubts(clip.frames[0], rig.depth)
+        found += [] if motion is None else [motion.doubt()]
+        found += place_doubts(clip, object_mask, rig.gripper)
+        every_frame = numbers[-1] == numbers.size - 1
+        if every_frame and motion is None and stands_still(clip.frames):
+            found += lag_doubts(clip.frames, rig.depth)
+        return found
+
+    def of_answer(
+        self, clip: Recording, numbers: NDArray[np.int_], posterior: ArticulationPosterior
+    ) -> list[Doubt]:
+        """About an answer; as `of_input`, with the posterior over all frames."""
+        rig, best = self._config.rig, posterior.best
+        found = rig.camera.few_tracks(clip.frames, posterior.fit.tracks_used)
+        if best.states is not None:
+            mean, sd = best.states.mean[numbers], best.states.sd[numbers]
+            best = replace(best, states=replace(best.states, mean=mean, sd=sd))
+        return found + motion_doubts(clip, best, rig.gripper)
+
+
+def told_with(error: InsufficientData, doubts: list[Doubt]) -> InsufficientData:
+    """The error, with what may be behind it."""
+    return type(error)("; ".join([str(error), *(doubt.text for doubt in doubts)]))
