@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -53,10 +51,10 @@ class RigDoubts:
         """About an answer; as `of_input`, with the posterior over all frames."""
         rig, best = self._config.rig, posterior.best
         found = rig.camera.few_tracks(clip.frames, posterior.fit.tracks_used)
-        if best.states is not None:
-            mean, sd = best.states.mean[numbers], best.states.sd[numbers]
-            best = replace(best, states=replace(best.states, mean=mean, sd=sd))
-        return found + motion_doubts(clip, best, rig.gripper)
+        if best.joint is None or best.states is None:
+            return found
+        q = best.states.mean[numbers]
+        return found + motion_doubts(clip, best.joint.joint, q, rig.gripper)
 
 
 def told_with(error: InsufficientData, doubts: list[Doubt]) -> InsufficientData:

@@ -13,8 +13,8 @@ from dataclasses import dataclass
 import gtsam
 import numpy as np
 
-from akm_fg.posterior import KindPosterior
 from akm_fg.records import BoolArray, Doubt, FloatArray, Recording, RgbdFrame
+from factors.joint import Joint
 
 _OPENGL = gtsam.Pose3(gtsam.Rot3(np.diag([1.0, -1.0, -1.0])), np.zeros(3))
 _MM = 1e-3
@@ -98,27 +98,26 @@ def place_doubts(
 
 
 def motion_doubts(
-    recording: Recording, best: KindPosterior, config: GripperPlaceConfig | None = None
+    recording: Recording, joint: Joint, q: FloatArray, config: GripperPlaceConfig | None = None
 ) -> list[Doubt]:
     """About how the gripper goes while it holds, against the part.
 
     Args:
         recording: its gripper's poses, where it has any.
-        best: joint and states over all frames of the recording.
+        joint: by which the part goes.
+        q: (T,) its states; NaN where unknown.
         config: tuning.
     """
     config = config or GripperPlaceConfig()
-    joint, states = best.joint, best.states
     grips, held = recording.T_world_gripper, recording.grasp_frames
-    if joint is None or states is None or grips is None or held is None:
+    if grips is None or held is None:
         return []
-    known = np.flatnonzero(np.isfinite(states.mean))
+    known = np.flatnonzero(np.isfinite(q))
     known = known[(known >= held[0]) & (known <= held[1])]
     if known.size < 2:
         return []
-    q = states.mean[known]
-    a, b = int(known[q.argmin()]), int(known[q.argmax()])
-    R, t = joint.joint.motion(states.mean[[a, b]])
+    a, b = int(known[q[known].argmin()]), int(known[q[known].argmax()])
+    R, t = joint.motion(q[[a, b]])
     part = gtsam.Pose3(gtsam.Rot3(R[1] @ R[0].T), t[1] - R[1] @ R[0].T @ t[0])
     grip = grips[b] * grips[a].inverse()
     return _apart(part, grip, np.asarray(grips[a].translation()), config)
