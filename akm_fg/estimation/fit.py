@@ -117,7 +117,7 @@ def fit_poses(
     with one_blas_thread():
         fitted = to_end(fit_in_steps(problem_of_poses(name, poses, config), began))
         answer = _sampled(fitted)
-        if answer.kind in ("rigid", "undecided"):
+        if answer.kind in ("rigid", "undecided") or _moves_alike(answer, answer) > _BEYOND_DOUBT:
             return answer
         doubted = to_end(fit_in_steps(problem_of_poses(name, poses, config.doubtful), began))
     p = _moves_alike(answer, doubted.posterior)
@@ -138,6 +138,9 @@ def _moves_alike(answer: ArticulationPosterior, doubted: ArticulationPosterior) 
         for kind, p in doubted.kind_probability.items()
         if kind != "rigid" and JointKind(kind).turns == turns
     )
+
+
+_BEYOND_DOUBT = 0.9995  # evidence of so much holds with errors half as large again
 
 
 @cache

@@ -108,7 +108,7 @@ def fit_rigid(problem: FitProblem) -> KindFit:
     at = read(values, variables, scales)
     none = np.zeros((0, 0))
     said = {term.name: term.contribution(at, freedom) for term in terms}
-    return KindFit(None, guess.q, none, none, none, none, said, scales, 0.0, 0.0, 0.0, 0.0)
+    return KindFit(None, guess.q, none, none, none, none, said, scales, 0.0, 0.0, none, 0.0)
 
 
 def _still_solved(
@@ -168,7 +168,8 @@ def _laplace(at: At, terms: Sequence[Term], problem: FitProblem, freedom: float)
     priors = joint_prior_factors(at.variables, problem.centroid_world, prior)
     known, _, _ = information_of(priors, at, {})
     information = known + sum(each.information for each in said.values())
-    cov, log_det = inverted(joint.kind, information)
+    judged = known + sum(each.judged_share * each.information for each in said.values())
+    cov = inverted(joint.kind, information)
     fit = KindFit(
         joint=joint,
         q=q,
@@ -180,7 +181,7 @@ def _laplace(at: At, terms: Sequence[Term], problem: FitProblem, freedom: float)
         scales=at.scales,
         log_prior=log_joint_prior(joint, problem.centroid_world, prior),
         log_flat=(q.size - 1) * log_state_prior(q, problem.part.metres_per_unit(at.guess), prior),
-        log_det=log_det,
+        judged=judged,
         log_held=_log_held(list(said.values())),
     )
     return fit.tempered(1.0)
@@ -188,7 +189,7 @@ def _laplace(at: At, terms: Sequence[Term], problem: FitProblem, freedom: float)
 
 def _log_held(said: Sequence[Contribution]) -> float:
     """Log det of the information on the states, all else held."""
-    held = np.sum([each.held for each in said], axis=0)
+    held = np.sum([each.judged_share * each.held for each in said], axis=0)
     tied = [each.tied for each in said if each.tied is not None]
     if not tied:  # frame by frame
         return float(np.log(held).sum())

@@ -35,8 +35,8 @@ class KindFit:
     scales: Mapping[str, float]  # of the sources' noise
     log_prior: float  # density of the joint alone, at the solution
     log_flat: float  # prior density of all free states, where nothing is known of them
-    log_det: float  # of `information`
-    log_held: float  # log det of the information on the states, all else held
+    judged: FloatArray  # (d, d) the information that the likelihoods count
+    log_held: float  # log det of that on the states, all else held
     as_one: float = 1.0  # observations of the tracks that err together (in time and space)
     log_beyond: float = 0.0  # of the evidence, what Laplace's method misses of a vague joint
     log_nested: float = 0.0  # see `akm_fg.estimation.between_kinds.evidence.nested_screw`
@@ -114,9 +114,9 @@ class KindFit:
         gains by its volume what no prior gives.
         """
         if self.joint is None:
-            return -0.5 * (self.log_det - self.log_held)
+            return 0.0
         k = self.joint.kind.coordinates
-        H = self.information
+        H = self.judged
         on_states = np.linalg.slogdet(H[k:, k:])[1]
         # The priors count once however many observations count as one.
         left = H[:k, :k] - H[:k, k:] @ np.linalg.solve(H[k:, k:], H[k:, :k])
@@ -161,7 +161,7 @@ class KindFit:
             each[:k, :k] += self.widest
         for said in self.said.values():
             true += said.variance_ratio(as_one) * said.information
-        inverse, _ = inverted(self.joint.kind, information)
+        inverse = inverted(self.joint.kind, information)
         cov = inverse @ true @ inverse
         return replace(self, cov=(cov + cov.T) / 2, as_one=as_one)
 
@@ -180,14 +180,15 @@ class KindFit:
             q=there.q,
             cov=self.cov * both,
             information=self.information * both,
+            judged=self.judged * both,
             prior_information=self.prior_information * both,
             widest=self.widest * both[: len(self.widest), : len(self.widest)],
             said={name: each.turned(signs) for name, each in self.said.items()},
         )
 
 
-def inverted(kind: JointKind, information: FloatArray) -> tuple[FloatArray, float]:
-    """Covariance and log determinant of an information matrix over (joint, ...).
+def inverted(kind: JointKind, information: FloatArray) -> FloatArray:
+    """Covariance of an information matrix over (joint, ...).
 
     Raises:
         AxisUnobservable: it is singular; names the direction that is open.
@@ -201,5 +202,4 @@ def inverted(kind: JointKind, information: FloatArray) -> tuple[FloatArray, floa
         name = names[worst] if worst < len(names) else "a state"
         raise AxisUnobservable(f"{kind} joint: the data leave {name} open")
     root = vectors / np.sqrt(eigenvalues) * scale[:, None]
-    log_det = float(np.log(eigenvalues).sum() - 2 * np.log(scale).sum())
-    return root @ root.T, log_det
+    return np.asarray(root @ root.T)

@@ -189,6 +189,7 @@ class OrientationTerm(Term):
         return OrientationContribution(
             information=information,
             held=held,
+            judged_share=min((scale / self._source.typical_rad) ** 2, 1.0),
             log_correlated=errors.log_likelihood(clipped),  # the reference integrated out there
             residual_rad=e,
             variance_fixed=frames_as_one * covariance_factor(e2, dof, 3, freedom),

@@ -101,6 +101,9 @@ class Contribution:
     information: FloatArray  # (d, d)
     held: FloatArray  # (F,) on each free state, all else held
     log_likelihood: float = 0.0  # normalised, at the best latents
+    # Share of `information` and `held` that the likelihood counts: less than one where it judges
+    # by larger errors than the graph weighs by.
+    judged_share: float = 1.0
     log_correlated: float = 0.0  # likewise, with what errs together counted as such already
     log_latents: float = 0.0  # log of the width that the data leave the latents; flat prior
     own_variables: int = 0  # numbers beside the joint's that are marginalised by Laplace's method

@@ -141,7 +141,7 @@ def _erring(problem, surface_m, tracks_m):
 def test_with_all_counts_one_the_covariance_of_both_sources_is_the_graphs_own(with_surface):
     _, fit = with_surface
     assert SURFACE in fit.said
-    cov, _ = inverted(JointKind.REVOLUTE, fit.information)
+    cov = inverted(JointKind.REVOLUTE, fit.information)
     tempered = fit.tempered(1.0)
     sd = np.sqrt(np.diag(cov))
     assert_allclose(tempered.cov / np.outer(sd, sd), cov / np.outer(sd, sd), atol=0.05)
