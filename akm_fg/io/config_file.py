@@ -42,7 +42,16 @@ def read_config(path: Path, default: Tree, others: Collection[str] = ()) -> Tree
         raise InputError(path, f"cannot be read ({error.strerror})", "a TOML file") from error
     except ValueError as error:  # not UTF-8, or not TOML: the error says where
         raise InputError(path, f"is not TOML: {error}", "lines such as fit.dof = 4.0") from error
-    return with_changes(default, {k: v for k, v in given.items() if k not in others}, str(path))
+    except RecursionError as error:
+        raise _too_deep(path) from error
+    try:
+        return with_changes(default, {k: v for k, v in given.items() if k not in others}, str(path))
+    except RecursionError as error:
+        raise _too_deep(path) from error
+
+
+def _too_deep(path: Path) -> InputError:
+    return InputError(path, "is nested too deeply", "lines such as fit.dof = 4.0")
 
 
 def with_changes(default: Tree, changes: Mapping[str, Any], place: str) -> Tree:

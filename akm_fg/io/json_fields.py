@@ -15,6 +15,8 @@ from akm_fg.errors import InputError
 from akm_fg.records import FloatArray
 
 RIGID_TOLERANCE = 1e-3  # of R^T R - I; larger is a wrong matrix, not rounding on the way to text
+MAX_BYTES = 2**26  # an hour of frames with a pose each, twice over
+LARGEST_NUMBER = 1e15  # metres, seconds or pixels: squares of it are still numbers
 EXACT_TOLERANCE = 1e-12  # below it a rotation is taken as written, so that files round-trip
 
 
@@ -25,6 +27,11 @@ def load_json_object(path: Path, what: str) -> dict[str, Any]:
         InputError: missing, unreadable, not JSON (line and column), or not an object.
     """
     try:
+        if path.exists() and not path.is_file():
+            raise InputError(path, "is not a regular file", what)
+        if path.stat().st_size > MAX_BYTES:
+            size = f"holds {path.stat().st_size / 1e6:.0f} MB"
+            raise InputError(path, size, f"{MAX_BYTES / 1e6:.0f} MB at most, {what}")
         value = json.loads(path.read_text(encoding="utf-8"))
     except FileNotFoundError as e:
         raise InputError(path, "is missing", what) from e
@@ -130,6 +137,8 @@ class Fields:
             raise self.error(name, f"is {got_shape}", expected)
         if not np.isfinite(numbers).all():
             raise self.error(name, "holds NaN or infinity", expected)
+        if (np.abs(numbers) > LARGEST_NUMBER).any():
+            raise self.error(name, f"holds a number beyond {LARGEST_NUMBER:g}", expected)
         return numbers
 
     def pose(self, name: str) -> gtsam.Pose3:

@@ -25,6 +25,7 @@ class ReadOptions:
     unit: LengthUnit | None = None  # of positions and of their covariances
 
 
+LARGEST_NUMBER = 1e9  # of a coordinate in any unit: what is beyond is a broken file
 MIDDLE_PER_CENT = (5.0, 95.0)  # of positions: a tracker's jumps are no extent
 
 

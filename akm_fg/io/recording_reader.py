@@ -7,6 +7,7 @@ The truth, where there is one, is read by its own function: an estimator never s
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 from typing import Any, cast
 
@@ -30,6 +31,7 @@ from factors.joint import JointKind
 
 SCHEMA = "akm-fg/recording/1"
 KINDS = ("rigid", *map(str, JointKind))
+BYTES_A_PIXEL = 8  # in memory: 3 of colour, 4 of depth, 1 of the mask
 UNIT_TOLERANCE = 1e-3  # of an axis' length: more is not rounding
 
 
@@ -152,6 +154,7 @@ def _read_images(
     has_masks = (folder / "mask").is_dir()
     for channel in ("rgb", "depth", "mask")[: 3 if has_masks else 2]:
         _check_numbering(folder, channel, len(stamps_s))
+    _check_memory(folder, camera, take)
     size = (camera.width, camera.height)
     frames, masks = [], []
     for i, stamp_s in enumerate(stamps_s[:take]):
@@ -163,6 +166,16 @@ def _read_images(
         if has_masks:
             masks.append(read_mask(frame_file(folder, "mask", i), *size))
     return tuple(frames), tuple(masks) or None
+
+
+def _check_memory(folder: Path, camera: PinholeCamera, frames: int) -> None:
+    """Refuse more than the machine holds, before any image is read."""
+    needs = frames * camera.width * camera.height * BYTES_A_PIXEL
+    has = os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
+    if needs > has:
+        problem = f"{frames} frames of {camera.width}x{camera.height} need {needs / 1e9:.0f} GB"
+        expected = f"less than the {has / 1e9:.0f} GB of this machine (--frames N takes fewer)"
+        raise InputError(folder, problem, expected)
 
 
 def _direction(truth: Fields) -> FloatArray:

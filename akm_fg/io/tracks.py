@@ -18,6 +18,7 @@ from akm_fg.io.arrays.layout import NAMES, POINTS, Layout, layout_of
 from akm_fg.io.arrays.npz import MAX_NUMBERS, load_arrays, names_in
 from akm_fg.io.read_options import (
     LARGEST_EXTENT_M,
+    LARGEST_NUMBER,
     METRES_A_UNIT,
     MIDDLE_PER_CENT,
     ReadOptions,
@@ -28,6 +29,7 @@ from akm_fg.records import FloatArray, PointTracks
 
 NOMINAL_SIGMA_M = 1e-3  # unit of the covariance where the file gives no noise level
 WHAT = "tracks as .npz: `points` (T, N, 3) in metres, NaN where lost, and `cov` or `sigma_m`"
+SIGMA_RANGE_M = (1e-9, 1e6)  # of noise that can be squared and inverted
 SYMMETRY_TOLERANCE = 1e-6  # relative to the largest entry; float32 files stay below it
 
 
@@ -73,9 +75,11 @@ def _points(path: Path, arrays: dict[str, NDArray[Any]]) -> tuple[str, FloatArra
         raise InputError(
             path, f"`{name}` has shape {points.shape}", f"at most {MAX_NUMBERS} numbers"
         )
-    if np.isinf(points).any():
-        t, n = (int(i) for i in np.argwhere(np.isinf(points))[0][:2])
-        raise InputError(path, f"`{name}` is infinite in frame {t}, point {n}", "metres, or NaN")
+    if (np.abs(points) > LARGEST_NUMBER).any():
+        t, n, c = (int(i) for i in np.argwhere(np.abs(points) > LARGEST_NUMBER)[0])
+        is_what = "infinite" if np.isinf(points[t, n, c]) else f"{points[t, n, c]:.3g}"
+        problem = f"`{name}` is {is_what} in frame {t}, point {n}"
+        raise InputError(path, problem, "metres, or NaN")
     return name, points
 
 
@@ -104,7 +108,8 @@ def _from_sigma(path: Path, array: NDArray[Any], seen: NDArray[np.bool_]) -> Flo
         expected = f"a number or shape {seen.shape}"
         raise InputError(path, f"`sigma_m` has shape {sigma_m.shape}", expected)
     sigma_m = np.broadcast_to(sigma_m, seen.shape)
-    bad = np.asarray(seen & ~(np.isfinite(sigma_m) & (sigma_m > 0)))
+    least, largest = SIGMA_RANGE_M
+    bad = np.asarray(seen & ~((sigma_m >= least) & (sigma_m <= largest)))
     if bad.any():
         t, n = (int(i) for i in np.argwhere(bad)[0])
         problem = f"`sigma_m` is {sigma_m[t, n]:g} in frame {t}, point {n}"

@@ -126,7 +126,7 @@ def _visible(
     if not fits or (other and swapped):
         values = values.T
     if not ((values >= 0) & (values <= 1)).all():
-        problem = f"`{name}` holds {float(np.nanmax(np.abs(values))):.3g} or NaN"
+        problem = f"`{name}` holds {float(np.abs(values).max()):.3g}"
         raise InputError(path, problem, "truth values, 0 and 1, or probabilities")
     if ((values > 0) & (values < 1)).any():
         notes.append(f"`{name}` holds probabilities; above {SEEN_FROM} was taken as true")

@@ -7,6 +7,7 @@ a few kilobytes can claim, and even hold, gigabytes.
 from __future__ import annotations
 
 import math
+import tokenize
 import zipfile
 import zlib
 from collections.abc import Collection
@@ -25,7 +26,7 @@ MAX_BYTES = 2**30  # of all arrays that are read: such points with a covariance 
 
 BROKEN = (
     OSError, ValueError, EOFError, KeyError, MemoryError, RuntimeError, NotImplementedError,
-    SyntaxError, zipfile.BadZipFile, zlib.error,
+    SyntaxError, RecursionError, tokenize.TokenError, zipfile.BadZipFile, zlib.error,
 )  # fmt: skip
 """What numpy and zipfile raise on files that are damaged, encrypted or hold pickles."""
 
@@ -47,6 +48,8 @@ def load_arrays(path: Path, wanted: Collection[str], what: str) -> dict[str, NDA
         raise InputError(path, "does not exist", what)
     if path.is_dir():
         raise InputError(path, "is a folder", what)
+    if not path.is_file():
+        raise InputError(path, "is not a regular file", what)
     try:
         with path.open("rb") as file:
             first = file.read(64)

@@ -15,7 +15,7 @@ import numpy as np
 
 from akm_fg.errors import InputError
 from akm_fg.io.logs.rows import ROW, Rows
-from akm_fg.io.read_options import QuaternionOrder, ReadOptions
+from akm_fg.io.read_options import LARGEST_NUMBER, QuaternionOrder, ReadOptions
 from akm_fg.records import FloatArray
 
 MIN_QUATERNION_NORM = 1e-3  # below it the direction of a printed quaternion is noise
@@ -73,6 +73,10 @@ def poses_of(path: object, rows: Rows, options: ReadOptions) -> Poses:
     elif columns.matrix is not None:
         rotations = _matrices(path, rows, columns.matrix)
     positions = table[:, list(columns.position)]
+    large = (np.abs(positions) > LARGEST_NUMBER).any(axis=1)
+    if large.any():
+        place = f"{path}, line {rows.lines[int(np.argmax(large))]}"
+        raise InputError(place, "holds a position that is too large", "metres")
     return Poses(positions, quaternions, order, rotations, stamps_s, tuple(notes))
 
 

@@ -22,6 +22,7 @@ ROW = (
     "12 numbers (KITTI) or EuRoC's CSV"
 )
 MAX_BYTES = 2**28  # a million rows of a dozen numbers, twice over
+LARGEST_STAMP = 1e20  # nanoseconds since 1970, and to spare
 UNKNOWN = frozenset({"nan", "-nan", "null", "none", "na", "n/a", ""})
 """What stands in a cell whose number is not known."""
 _DECIMAL_COMMA = re.compile(r"[-+]?\d+,\d+([eE][-+]?\d+)?")
@@ -176,4 +177,6 @@ def _number(place: str, cell: str, text: str) -> float:
         raise InputError(place, f"{cell[:30]!r} is not a number{hint}", f"numbers, {ROW}")
     if math.isinf(number):
         raise InputError(place, f"{cell[:30]!r} is not finite", f"finite numbers, {ROW}")
+    if abs(number) > LARGEST_STAMP:
+        raise InputError(place, f"{cell[:30]!r} is too large", f"metres, {ROW}")
     return number
