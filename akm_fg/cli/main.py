@@ -6,6 +6,7 @@ import errno
 import logging
 import os
 import sys
+import warnings
 from collections.abc import Sequence
 
 from akm_fg import __version__
@@ -92,6 +93,9 @@ def _set_up_log() -> None:
     if level not in logging.getLevelNamesMapping():
         raise InputError("AKM_FG_LOG", f"is {level!r}", "DEBUG, INFO, WARNING or ERROR")
     logging.basicConfig(level=level, format="%(levelname)s %(message)s")
+    if level != "DEBUG":
+        # Numbers that are not finite are told where they come out (docs/conventions.md).
+        warnings.simplefilter("ignore", RuntimeWarning)
 
 
 _WRITE_ERRORS = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO, errno.EBADF)

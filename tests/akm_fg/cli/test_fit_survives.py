@@ -97,6 +97,19 @@ def test_an_error_nobody_thought_of_costs_one_input_one_line(
     assert "Traceback" in capfd.readouterr().err
 
 
+def test_one_point_without_noise_is_an_answer_of_valid_json(
+    tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / "one.npz"
+    np.savez(path, points=np.linspace(0, 0.15, 8)[:, None, None] * np.array([0.0, 0.0, 1.0]) + 1)
+    assert main(["fit", str(path), "--json", "-"]) == 1
+    captured = capfd.readouterr()
+    posterior = json.loads(
+        captured.out, parse_constant=lambda name: pytest.fail(f"{name} is not JSON")
+    )
+    assert posterior["kind"] == "undecided" and captured.err == ""
+
+
 def test_an_old_file_survives_inputs_that_give_nothing(good: Path, tmp_path: Path) -> None:
     out, config = tmp_path / "out.jsonl", tmp_path / "out.jsonl.config.toml"
     out.write_text("old\n")
