@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -168,6 +168,22 @@ class ArticulationPosterior:
     def best(self) -> KindPosterior:
         """The most probable kind's fit, also where the kind is undecided."""
         return self.alternatives[max(self.kind_probability, key=self.kind_probability.__getitem__)]
+
+    def __repr__(self) -> str:
+        words = "; ".join(self.summary().splitlines())
+        return f"<{type(self).__name__} {words}>"
+
+    def summary(self) -> str:
+        """Kind, axis, pivot, states and warnings in lines for a person; bounds hold 95 %."""
+        from akm_fg.posterior_views import posterior_in_words
+
+        return "\n".join(posterior_in_words(self))
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain numbers, lists and strings: the posterior's JSON (docs/conventions.md)."""
+        from akm_fg.posterior_views import posterior_as_dict
+
+        return posterior_as_dict(self)
 
     def over_frames(self, numbers: NDArray[np.int_], frames: int) -> ArticulationPosterior:
         """The answer over all frames of an input, of which it has the states of some.

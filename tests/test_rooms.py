@@ -30,13 +30,14 @@ INSIDE = {
     "errors": set(),
     "steps": set(),
     "interfaces": RECORDS,
-    "posterior": RECORDS,
+    "posterior": RECORDS | {"posterior_views"},  # its own methods, when they are called
+    "posterior_views": RECORDS | {"posterior"},
     "geometry": RECORDS,
     "perception": RECORDS | {"interfaces", "geometry"},
     "estimation": RECORDS | {"posterior", "geometry"},
     "arm": RECORDS | {"interfaces"},
     "planning": RECORDS | {"posterior"},
-    "io": RECORDS | {"posterior"},
+    "io": RECORDS | {"posterior", "posterior_views"},
     "report": RECORDS | {"posterior", "io"},
     "calibration": RECORDS | {"io"},
 }
