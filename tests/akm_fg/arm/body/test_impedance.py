@@ -72,3 +72,21 @@ def test_an_arm_that_rests_near_a_limit_is_kept_there_and_not_thrown_back(
 def test_bounded_shortens_what_is_too_long_and_nothing_else():
     np.testing.assert_allclose(bounded(np.array([3.0, 4.0]), 2.5), [1.5, 2.0])
     np.testing.assert_allclose(bounded(np.array([3.0, 4.0]), 5.0), [3.0, 4.0])
+
+
+def test_motion_of_the_elbow_alone_is_damped_by_both_dampers(J: np.ndarray):
+    """3 + 0.5 N m s/rad on joint speeds that do not move the hand, against them."""
+    null = np.linalg.svd(J)[2][6]
+    for dq in (0.2 * null, -0.2 * null):
+        tau = cartesian_torques(np.zeros(6), J, Q_HOME, dq, Q_HOME, STILL, ImpedanceConfig())
+        np.testing.assert_allclose(tau, -3.5 * dq, atol=1e-4)
+
+
+def test_joint_speeds_that_move_the_hand_are_damped_in_the_joints_but_not_by_the_posture(
+    J: np.ndarray,
+):
+    """The posture's 3 N m s/rad would push at the hand: they are taken out, 0.5 are left."""
+    dq = np.linalg.pinv(J) @ np.array([0.05, 0.0, 0.02, 0.0, 0.1, 0.0])
+    tau = cartesian_torques(np.zeros(6), J, Q_HOME, dq, Q_HOME, STILL, ImpedanceConfig())
+    np.testing.assert_allclose(tau, -0.5 * dq, atol=1e-3)
+    assert tau @ dq < 0.0
