@@ -26,7 +26,7 @@ from akm_fg.posterior import (
 )
 from akm_fg.records import PinholeCamera, RgbdFrame
 from akm_fg.stages import RecordingFit
-from factors.joint import Joint
+from factors.joint import Joint, JointKind
 
 CAMERA = PinholeCamera(4, 3, 4.0, 4.0, 1.5, 1.0)
 
@@ -97,9 +97,9 @@ class PaperStream:
 
 @pytest.fixture
 def run():
-    def _run(world, target=0.2, state_sd=0.001, kind="prismatic", fit=None):
+    def _run(world, target=0.2, state_sd=0.001, kind="prismatic", fit=None, mean_of=float):
         def known(n):
-            mean, sd = np.full(n, world.state), np.full(n, state_sd)
+            mean, sd = np.full(n, mean_of(world.state)), np.full(n, state_sd)
             joint = JointPosterior(Joint(kind, np.eye(4), 0.0), np.eye(6) * 1e-6)
             best = KindPosterior(joint, StatePosterior("m", mean, sd), Evidence(0.0, 0.0, 0.0, 0.0))
             report = FitReport(0.0, 1, 0, 0.0, 1.0, 1.0, 1.0, True)
@@ -175,6 +175,61 @@ def test_no_motion_is_told(run):
 
     episode, _ = run(PaperDrawer(), fit=fit)
     assert episode.failure == "x: nothing moved"
+
+
+def test_a_part_that_is_not_seen_at_the_end_is_said_to_be_lost(run):
+    episode, _ = run(PaperDrawer(), state_sd=np.nan, mean_of=lambda state: np.nan)
+    assert episode.failure == "the part is not seen in the last frame"
+    assert episode.rounds == []
+
+
+@pytest.mark.parametrize(
+    ("kind", "within", "beyond"), [("revolute", 1.4, 1.6), ("helical", 1.4, 1.6)]
+)
+def test_what_turns_may_be_one_and_a_half_degrees_off_and_what_slides_a_centimetre(
+    kind, within, beyond
+):
+    config = EpisodeConfig()
+    assert np.deg2rad(within) < config.tolerance(JointKind(kind)) < np.deg2rad(beyond)
+    assert config.tolerance(JointKind.PRISMATIC) == pytest.approx(0.01)
+
+
+def test_a_moment_is_looked_at_once_and_the_stream_hears_whether_the_hand_holds():
+    """The clock goes on with motions alone; after each the loop looks again, at the same moment."""
+
+    class Clocked(PaperDrawer):
+        def capture(self):
+            return replace(super().capture(), stamp_s=self.time_s)
+
+        def pull(self, direction_world, distance_m, tick_s):
+            for _ in range(3):
+                self.time_s += tick_s
+                self.state += distance_m / 3
+                yield
+
+        def holding(self):
+            return self.time_s > 0.2
+
+    class Listening(PaperStream):
+        def add(self, frame, hand=None):
+            super().add(frame)
+            self.hands = [*getattr(self, "hands", []), hand]
+
+    world = Clocked()
+    world.time_s = 0.01
+
+    def fit(frames):
+        raise NoMotionObserved("x: nothing moved")
+
+    stream, episode = Listening(fit), Episode()
+    task = Task("x", gtsam.Pose3(), np.array([0.0, 0.0, 1.0]), {"prismatic": 0.2})
+    run_episode(world, world, task, episode, Quiet(), EpisodeConfig(), stream)
+    stamps = [look.frame.stamp_s for look in episode.looks]
+    np.testing.assert_allclose(stamps, [0.01, 0.16, 0.31, 0.46])
+    assert [frame.stamp_s for frame in stream.frames] == stamps
+    assert [hand.holding for hand in stream.hands] == [False, False, True, True]
+    z = [hand.T_world_gripper.translation()[2] for hand in stream.hands]
+    np.testing.assert_allclose(z, np.array([0, 1, 2, 3]) * EpisodeConfig().pull_m / 3)
 
 
 def test_an_episode_works_on_depth_that_a_recording_can_hold(run):

@@ -3,7 +3,14 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from sim.camera.noise import NOISE_LEVELS, NoiseConfig, Surface, noisy_depth, noisy_rgb
+from sim.camera.noise import (
+    NOISE_LEVELS,
+    NoiseConfig,
+    Surface,
+    _incidence_cos,
+    noisy_depth,
+    noisy_rgb,
+)
 from sim.camera.pictures import rendered_intrinsics
 from sim.camera.sensor import NoisySensor
 
@@ -67,6 +74,34 @@ def test_disparity_comes_in_steps_of_a_thirty_second_of_a_pixel():
     assert levels.size > 5
     middle = np.diff(levels)[levels.size // 2 - 2 : levels.size // 2 + 2]
     np.testing.assert_allclose(middle, 0.00310, rtol=0.02)
+
+
+@pytest.mark.parametrize("tilt", [0.0, 0.6, 1.2])
+def test_incidence_is_the_angle_between_ray_and_normal(tilt: float):
+    """Of a plane through (0, 0, 1.2) m with normal (0, -sin, -cos); every inner pixel."""
+    camera = rendered_intrinsics(320, 240, 600.0)
+    v, u = np.mgrid[:240, :320].astype(float)
+    rays = camera.back_project(np.stack([u, v], axis=-1), np.ones_like(u))
+    normal = np.array([0.0, -np.sin(tilt), -np.cos(tilt)])
+    depth = 1.2 * normal[2] / (rays @ normal)
+    expected = -(rays @ normal) / np.linalg.norm(rays, axis=-1)
+    got = _incidence_cos(depth.astype(np.float32), camera)
+    np.testing.assert_allclose(got[2:-2, 2:-2], expected[2:-2, 2:-2], atol=2e-3)
+
+
+def test_edge_pixels_that_are_seen_at_all_fly_between_the_two_surfaces():
+    """A quarter flies, evenly over the half metre behind the nearer one: 0.8 from 1.05 to 1.45 m.
+
+    An edge is also seen edge-on (1 / z falls by 0.25 a pixel, cosine 1 / 75), which loses
+    0.9 (1 - 4 / 75) = 0.852 of all: 0.25 * 0.8 * 0.148 = 0.030 are left.
+    """
+    camera = rendered_intrinsics(320, 240, 300.0)
+    depth = np.full((240, 320), 2.0)
+    depth[:, :160] = 1.0
+    rng = np.random.default_rng(0)
+    edge = np.array([noisy_depth(depth, camera, D455, rng)[:, 159:161] for _ in range(20)])
+    between = (edge > 1.05) & (edge < 1.45)
+    np.testing.assert_allclose(between.mean(), 0.030, atol=0.006)
 
 
 def test_levels_grow_harsher():

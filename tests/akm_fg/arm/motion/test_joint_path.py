@@ -46,6 +46,18 @@ def test_the_references_are_within_the_limits_and_near_the_legs(seed: int):
     np.testing.assert_allclose(np.diff(dq[:-1], axis=0) / STEP_S, motion.ddq, atol=0.2)
 
 
+def test_no_more_than_two_legs_run_at_once_however_wide_corners_may_be():
+    """Four legs of equal length: each may begin with the one before, but not before that ended."""
+    config = TimeLawConfig(corner_rad=10.0)
+    points = Q_HOME + np.linspace(0.0, 1.2, 5)[:, None] * np.eye(7)[0]
+    motion = joint_motion(points, STEP_S, config)
+    dq = np.vstack([np.zeros(7), motion.dq, np.zeros(7)])
+    q = np.vstack([points[0], motion.q, points[-1]])
+    usage = ExecutedMotion(STEP_S, q, dq, np.zeros_like(q)).usage()
+    assert usage.velocity <= 2.001 * config.speed
+    assert usage.acceleration <= 2.001 * config.acceleration
+
+
 def test_a_corner_costs_less_time_than_a_stop():
     points = waypoints(5, 4)
     alone = sum(len(joint_motion(points[k : k + 2], STEP_S).q) for k in range(3))

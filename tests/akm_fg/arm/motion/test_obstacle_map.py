@@ -294,3 +294,10 @@ def test_the_robot_knows_the_floor_and_its_pedestal():
     assert floor.T_world_obstacle.translation()[2] + floor.geometry.halfSide[2] == -0.4
     np.testing.assert_allclose(pedestal.geometry.halfSide, [0.15, 0.15, 0.2])
     np.testing.assert_allclose(pedestal.T_world_obstacle.translation(), [-0.05, 0.0, -0.2])
+
+
+@pytest.mark.parametrize("floor_m", [0.0, 0.1])
+def test_nothing_below_the_floor_is_mapped(floor_m: float):
+    found = map_from_frame(frame(depth_of_block()), Q_HOME, floor_m)
+    assert len(found.p_world)
+    assert floor_m < found.p_world[:, 2].min() < floor_m + found.voxel_m

@@ -6,9 +6,11 @@ import coal
 import gtsam
 import numpy as np
 import pinocchio as pin
+import pytest
 
 from akm_fg.arm.body.collision import Obstacle, _robot
 from akm_fg.arm.body.description import franka_description
+from akm_fg.arm.body.impedance import ImpedanceConfig
 from akm_fg.arm.body.kinematics import Q_HOME, FrankaKinematics
 from akm_fg.arm.body.model import ROBOT_LINKS
 from akm_fg.arm.motion.obstacle_map import ObstacleMap
@@ -16,6 +18,7 @@ from akm_fg.arm.motion.reaching import (
     ReachConfig,
     choose_grasp_configuration,
     grasp_options,
+    line_motion,
     standoff,
 )
 from akm_fg.arm.motion.surroundings import AroundConfig, SeenAround, Surroundings, surroundings
@@ -163,3 +166,13 @@ def test_the_hand_may_come_near_to_modelled_furniture_in_the_approach_alone():
     elbow = box("a lamp", [0.1, 0.1, 0.1], np.array([0.25, 0.0, 0.55]))
     around = surroundings([], None, GRASP, AroundConfig(), MARGIN_M, [elbow])
     assert around.approach.touched(Q_HOME)
+
+
+def test_the_hands_own_inertia_does_not_look_like_a_block_on_the_approach():
+    """4 kg on a spring of 900 N/m: what starts or stops it may be no more than 3 of 12 mm."""
+    way = np.array([0.0, 0.0, *line_motion(0.1, 1e-3, 0.08)])
+    speed, acceleration = np.diff(way) / 1e-3, np.diff(way, 2) / 1e-6
+    assert speed.max() <= 0.08 + 1e-9 and way[-1] == pytest.approx(0.1)
+    assert 4.0 * np.abs(acceleration).max() / ImpedanceConfig().stiffness_n_m < 0.003
+    # It begins and ends at rest, without a step of acceleration.
+    assert np.abs(acceleration[[0, -1]]).max() < 0.01

@@ -131,3 +131,15 @@ def test_tangents_stay_what_they_were_where_the_path_stands():
     z = T.rotation().matrix()[:, 2]
     assert reference.tangent[0] @ z == pytest.approx(1.0)
     assert abs(reference.tangent[-1] @ z) == pytest.approx(1.0)
+
+
+def test_a_hand_off_the_path_joins_it_from_rest_without_a_jerk():
+    """A quintic over d in T accelerates by at most 10 / sqrt(3) d / T^2: 0.46 m/s^2 for 2 cm."""
+    T = FrankaKinematics().T_world_gripper(Q_HOME)
+    start = T * gtsam.Pose3(gtsam.Rot3(), np.array([0.0, 0.0, -0.02]))
+    reference = pose_reference(TimedPath(np.zeros(1), (T,)), start.matrix(), STEP_S, blend_s=0.5)
+    speed = reference.twist[:, :3]
+    acceleration = np.diff(np.vstack([np.zeros(3), speed]), axis=0) / STEP_S
+    most = 10.0 / np.sqrt(3.0) * 0.02 / 0.5**2
+    assert np.linalg.norm(acceleration, axis=1).max() < 1.02 * most
+    assert np.linalg.norm(speed, axis=1).max() == pytest.approx(15.0 / 8.0 * 0.02 / 0.5, rel=0.01)

@@ -1,0 +1,50 @@
+"""What the world says of the truth, and what it does to balanced parts, against Bullet itself."""
+
+from __future__ import annotations
+
+import gtsam
+import numpy as np
+import pytest
+
+from sim.bullet import p
+from sim.objects.suites.catalogue import find_suite
+from sim.world import SimWorld
+
+
+def part_at(world: SimWorld, state: float) -> gtsam.Pose3:
+    """T_world_link of the part, put to a state."""
+    client, body, joint = world.client, world.object_id, world.part_joint
+    p.resetJointState(body, joint, state, 0.0, physicsClientId=client)
+    link = p.getLinkState(body, joint, computeForwardKinematics=1, physicsClientId=client)
+    x, y, z, w = link[5]
+    return gtsam.Pose3(gtsam.Rot3.Quaternion(w, x, y, z), np.array(link[4]))
+
+
+@pytest.mark.parametrize("seed", [1, 4])
+@pytest.mark.parametrize("name", ["door", "drawer"])
+def test_the_true_axis_is_the_one_the_part_moves_by_in_the_world(name: str, seed: int):
+    """By half a radian or ten centimetres, wherever the object was put."""
+    with SimWorld(name, seed) as world:
+        truth, step = world.truth(), 0.1 if name == "drawer" else 0.5
+        closed, open_ = part_at(world, 0.0), part_at(world, step)
+        if name == "drawer":
+            moved = (open_.translation() - closed.translation()) / step
+            np.testing.assert_allclose(moved, truth.axis, atol=1e-5)
+            assert truth.pivot is None
+            return
+        motion = open_ * closed.inverse()
+        np.testing.assert_allclose(
+            gtsam.Rot3.Logmap(motion.rotation()) / step, truth.axis, atol=1e-5
+        )
+        np.testing.assert_allclose(motion.transformFrom(truth.pivot), truth.pivot, atol=1e-5)
+
+
+def test_a_balanced_door_stays_where_it_is_left():
+    """Its springs carry its weight in every state; its friction alone would not."""
+    name = next(s.name for s in find_suite("furniture-dev") if s.balanced)
+    for state in (0.3, 0.9):
+        with SimWorld(name, 0) as world:
+            part_at(world, state)
+            for _ in range(400):
+                world.step()
+            assert world.part_state() == pytest.approx(state, abs=2e-3)
