@@ -99,6 +99,8 @@ def better_than_tracks(
     if found is None or not observed.segmentation.moving.any():
         return found
     motion = free_rigid_motion(observed.moving_tracks, np.random.default_rng(0))
+    if not motion.known.any():  # never three tracks in one frame
+        return found
     R, t = motion.from_frame(int(np.flatnonzero(motion.known)[0]))
     both = motion.known & found.known[0]
     guess = found.guesses[0]

@@ -35,9 +35,8 @@ def fit_in_steps(problem: FitProblem, began: float) -> Steps[FittedKinds]:
     if visible < 1.0:  # the noise is larger than the residuals show
         problem = problem.with_source(replace(problem.tracks, visible_share=visible))
         yield
-        for i, fit in enumerate(fits):
-            fits[i] = yield from _refitted(fit, problem)
-            yield
+        fits, lost = yield from _all_refitted(fits, problem)
+        warnings = [*warnings, *lost]
     first = FirstFit(
         likeliest.guess,
         likeliest.state_sd,
@@ -133,6 +132,23 @@ def start_rank(guess: JointGuess, problem: FitProblem) -> float:
     d2 = tracks.rough_errors(guess) / scale2
     cost = 0.5 * float(twice_negative_log_kernel(d2, config.dof, 3).sum())
     return cost - log_joint_prior(guess.joint, problem.centroid_world, config.prior)
+
+
+def _all_refitted(
+    fits: list[KindFit], problem: FitProblem
+) -> Steps[tuple[list[KindFit], list[str]]]:
+    """The kinds solved again, and why some can no longer be."""
+    again: list[KindFit] = []
+    reasons = []
+    for fit in fits:
+        try:
+            again.append((yield from _refitted(fit, problem)))
+        except AxisUnobservable as error:
+            reasons.append(str(error))
+        yield
+    if all(fit.joint is None for fit in again):
+        raise AxisUnobservable(f"{problem.name}: " + "; ".join(reasons))
+    return again, reasons
 
 
 def _refitted(fit: KindFit, problem: FitProblem) -> Steps[KindFit]:

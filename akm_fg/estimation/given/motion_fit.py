@@ -19,6 +19,7 @@ import numpy as np
 
 from akm_fg.estimation.config import PriorConfig
 from akm_fg.estimation.given.guesses import MAX_RADIUS_M
+from akm_fg.geometry.batches import solutions
 from akm_fg.geometry.joint_guess import JointGuess, joint_frame
 from akm_fg.records import FloatArray
 from factors.joint import Joint, JointKind, cross
@@ -30,6 +31,7 @@ _ITERATIONS = 25
 _TOLERANCE = 0.02  # nats gained by a step that is the last
 _RELATIVE_TOLERANCE = 1e-3  # of a cost that no joint of this kind will bring down
 _MAX_DAMPING = 1e6
+_UNSEEN = 1e-12  # of the largest information: holds a state that nothing tells of where it is
 _MAX_LOG_STEP = 1.5  # of the hinge distance in one step
 
 
@@ -65,11 +67,17 @@ def refined(
     for _ in range(_ITERATIONS):
         H, g = _normal_equations(here, motions, prior)
         diagonal = H.diagonal().copy()
-        scale = np.maximum(diagonal, 1e-12 * diagonal.max())
+        largest = float(diagonal.max())
+        if not 0 < largest < np.inf:  # the motions tell nothing that a step could be taken by
+            return here
+        scale = np.maximum(diagonal, _UNSEEN * largest)
         gained = -1.0
         while damping < _MAX_DAMPING:
             H.flat[:: len(g) + 1] = diagonal + damping * scale
-            step = np.asarray(np.linalg.solve(H, -g), dtype=np.float64)
+            step = solutions(H, -g[:, None])[:, 0]
+            if not np.isfinite(step).all():  # singular to rounding: nearer to the gradient
+                damping *= 10
+                continue
             there = evaluate(_stepped(here, step), motions, centroid_world, prior)
             gained = here.twice_cost - there.twice_cost
             if gained >= 0:
@@ -118,8 +126,11 @@ def bent_drawer(
         J[:, 3:, 2 + i] += 0.5 * s[:, None] ** 2 * cross(k, a)
     along = np.concatenate([np.zeros(3), a])
     H, g = _with_states(J.reshape(6 * T, 4), along, drawer.corrections, motions)
-    held = np.linalg.solve(H[4:, 4:], np.column_stack([H[4:, :4], g[4:]]))
+    of_states = H[4:, 4:] + _UNSEEN * H.diagonal().max() * np.eye(T - 1)
+    held = solutions(of_states, np.column_stack([H[4:, :4], g[4:]]))
     left = np.column_stack([H[:4, :4], g[:4]]) - H[:4, 4:] @ held  # states eliminated
+    if not np.isfinite(left).all():  # nothing tells of the states, nor of a curvature
+        left = np.zeros((4, 5))
     step = -np.linalg.lstsq(left[:, :4], left[:, 4])[0]
     k = across.T @ step[2:]
     rho = 1 / max(float(np.linalg.norm(k)), 1 / MAX_RADIUS_M)

@@ -128,7 +128,7 @@ def register(
         kept = np.flatnonzero(seen_at)
         problem, guess = problem.restricted(kept), guess.restricted(kept)
         first = replace(first, state_sd=first.state_sd[kept])
-    at = np.flatnonzero(np.isin(problem.keyframes, views.frames))
+    given, at = problem, np.flatnonzero(np.isin(problem.keyframes, views.frames))
     if at.size < 2:
         return None
     gate_m, scale = config.first_gate_m, first.scales.get(SURFACE, 1.0)
@@ -150,6 +150,14 @@ def register(
         typical_m = scale / math.sqrt(float(precision))
         gate_m = max(config.gate_sigmas * typical_m, config.least_gate_m)
         yield
+    blind = np.asarray(~problem.tracks.observations.observed.any(axis=1))
+    blind[at[source.patches.seen.any(axis=1)]] = False
+    if blind.any():  # a view that shows nothing of the part after all
+        kept = np.flatnonzero(~blind)
+        if kept.size < 2:
+            return None
+        first = replace(first, guess=guess.restricted(kept), state_sd=first.state_sd[kept])
+        return (yield from register(given.restricted(kept), first, surface))
     level = first.scales[problem.tracks.name]
     tracks = replace(problem.tracks, first_scale=level, x_world=motions.x_world)
     problem = replace(problem, motions=motions).with_source(tracks).with_source(source)

@@ -193,13 +193,21 @@ def inverted(kind: JointKind, information: FloatArray) -> FloatArray:
     Raises:
         AxisUnobservable: it is singular; names the direction that is open.
     """
-    scale = 1 / np.sqrt(np.maximum(np.diag(information), 1e-300))
+    diagonal = np.diag(information)
+    known = (diagonal > 0) & np.isfinite(information).all(axis=0)
+    if not known.all():  # NumPy's decomposition may not end on such a matrix
+        raise _open(kind, int(np.argmin(known)))
+    scale = 1 / np.sqrt(diagonal)
     eigenvalues, vectors = np.linalg.eigh(information * np.outer(scale, scale))
     if not eigenvalues[0] > 1e-12:
-        names = [f"{TANGENT[i]} of T_world_joint" for i in kind.observable]
-        names += ["the pitch"] if kind.has_pitch else []
-        worst = int(np.argmax(np.abs(vectors[:, 0])))
-        name = names[worst] if worst < len(names) else "a state"
-        raise AxisUnobservable(f"{kind} joint: the data leave {name} open")
+        raise _open(kind, int(np.argmax(np.abs(vectors[:, 0]))))
     root = vectors / np.sqrt(eigenvalues) * scale[:, None]
     return np.asarray(root @ root.T)
+
+
+def _open(kind: JointKind, worst: int) -> AxisUnobservable:
+    """Names the coordinate of (joint, ...) that is open."""
+    names = [f"{TANGENT[i]} of T_world_joint" for i in kind.observable]
+    names += ["the pitch"] if kind.has_pitch else []
+    name = names[worst] if worst < len(names) else "a state"
+    return AxisUnobservable(f"{kind} joint: the data leave {name} open")

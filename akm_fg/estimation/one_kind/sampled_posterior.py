@@ -20,6 +20,7 @@ are sampled, the states integrated out:
 
 from __future__ import annotations
 
+import logging
 from dataclasses import dataclass, replace
 from functools import cache
 
@@ -33,8 +34,11 @@ from akm_fg.estimation.given.problem import FitProblem
 from akm_fg.estimation.one_kind.joint_chart import JointChart, Joints
 from akm_fg.estimation.one_kind.laplace import KindFit
 from akm_fg.estimation.sources.tracks import TRACKS
+from akm_fg.geometry.batches import inverses, solutions
 from akm_fg.records import BoolArray, FloatArray
 from factors.joint import Joint
+
+log = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True, slots=True)
@@ -76,7 +80,8 @@ class _Samples:
     def flattened(self, learnable: float) -> _Samples:
         """With weights to the first power of 1, 1/2, 1/4 .. that leaves enough to learn from."""
         samples = self
-        while samples.effective < learnable:
+        even = 0.99 * np.count_nonzero(self.weights) / self.weights.size  # no more can be had
+        while samples.effective < min(learnable, even):
             weights = np.sqrt(samples.weights)
             samples = replace(samples, weights=weights / weights.sum())
         return samples
@@ -104,10 +109,14 @@ def sampled(fit: KindFit, problem: FitProblem) -> KindFit:
     config = problem.config.sampling
     if np.sqrt(np.diag(cov)[:4]).max() < config.vague:
         return fit
-    samples = _sample(chart, cov, _data(fit, problem, chart))
-    if samples.effective < config.too_few:
-        samples = samples.flattened(config.learnable)
-    return _with_moments(fit, chart, samples, config.region)
+    try:
+        samples = _sample(chart, cov, _data(fit, problem, chart))
+        if samples.effective < config.too_few:
+            samples = samples.flattened(config.learnable)
+        return _with_moments(fit, chart, samples, config.region)
+    except np.linalg.LinAlgError as error:  # samples without width: the mode's Gaussian stays
+        log.warning("%s: the %s joint is not sampled: %s", problem.name, fit.kind, error)
+        return fit
 
 
 def _tells(fit: KindFit, problem: FitProblem) -> bool:
@@ -131,7 +140,10 @@ def _data(fit: KindFit, problem: FitProblem, chart: JointChart) -> _Data:
     blocks = motions.information.reshape(T, 6, T, 6)
     of_states = np.array([S @ blocks[t, :, t] @ S for t in range(1, T)])
     graph = np.diag(fit.tracks.information)[-(T - 1) :]
-    weight = float(np.median(graph / of_states)) / fit.track_variance_ratio
+    told = of_states > 0  # a frame in which no track is seen tells no weight
+    if not told.any():
+        raise np.linalg.LinAlgError("no frame tells of the states")
+    weight = float(np.median(graph[told] / of_states[told])) / fit.track_variance_ratio
     return _Data(
         motions.R_world,
         motions.t_world,
@@ -158,6 +170,9 @@ def _sample(chart: JointChart, cov: FloatArray, data: _Data) -> _Samples:
         joints = chart.joints(u[:, :-1])
         states = _states(u, joints, data)
         log_weights = states.log_weight - log_proposal
+        log_weights = np.where(np.isfinite(log_weights), log_weights, -np.inf)  # singular: none
+        if not np.isfinite(log_weights).any():
+            raise np.linalg.LinAlgError("no sample is possible")
         weights = np.exp(log_weights - log_weights.max())
         samples = _Samples(u, joints, states, weights / weights.sum())
         if samples.effective > config.enough:
@@ -190,7 +205,7 @@ def _states(u: FloatArray, joints: Joints, data: _Data) -> _States:
         twice_cost, slope = _cost(arcs, joints, twists, data)
         pull = np.einsum("sij,sj->si", tied, arcs[:, 1:])
         twice_cost = twice_cost + (pull * arcs[:, 1:]).sum(axis=1)
-        step = -np.linalg.solve(precision, (slope + pull)[..., None])[..., 0]
+        step = -solutions(precision, (slope + pull)[..., None])[..., 0]
         twice_cost = twice_cost + ((slope + pull) * step).sum(axis=1)
         arcs[:, 1:] += step
     log_det = np.linalg.slogdet(precision)[1]
@@ -235,12 +250,13 @@ def _with_moments(fit: KindFit, chart: JointChart, samples: _Samples, region: fl
     k, weights = chart.size, samples.weights
     per_arc = 1 / samples.joints.distance
     q = samples.states.mean[:, 1:] * per_arc[:, None]
-    numbers = np.concatenate([samples.u[:, :k], q], axis=1)
+    numbers = np.where(weights[:, None] > 0, np.concatenate([samples.u[:, :k], q], axis=1), 0.0)
     mean = weights @ numbers
     off = numbers - mean
     cov = off.T @ (weights[:, None] * off)
-    within = np.linalg.inv(samples.states.precision)
-    cov[k:, k:] += np.einsum("s,sij->ij", weights * per_arc**2, within)
+    counted = weights > 0
+    within = inverses(samples.states.precision[counted])
+    cov[k:, k:] += np.einsum("s,sij->ij", (weights * per_arc**2)[counted], within)
     cov *= _heavier_tails(off[:, :k], cov[:k, :k], weights, region)
     T_world_joint, by_chart = chart.frame(mean[:k])
     J = np.eye(mean.size)

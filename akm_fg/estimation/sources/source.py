@@ -27,8 +27,10 @@ import gtsam
 import numpy as np
 from numpy.typing import NDArray
 
+from akm_fg.errors import AxisUnobservable
 from akm_fg.estimation.config import FitConfig
 from akm_fg.estimation.joint_prior import metres_per_unit
+from akm_fg.geometry.batches import solutions
 from akm_fg.geometry.joint_guess import JointGuess
 from akm_fg.records import FloatArray
 from akm_fg.steps import Steps
@@ -272,6 +274,9 @@ def information_of(
     Returns:
         Information (d, d) over `At.columns`, own variables marginalised; its diagonal (F,) at the
         free states, all else held; log det of the information on the own variables.
+
+    Raises:
+        AxisUnobservable: the factors leave the own variables open, whatever the joint.
     """
     linear, ordering = _linearised(factors, at, own)
     H, _ = linear.hessian(ordering)
@@ -281,10 +286,15 @@ def information_of(
     diagonal = np.diag(H)[size - len(free) : size].copy()
     if not own:
         return H[np.ix_(here, here)], diagonal, 0.0
-    cross = H[:size, size:]
-    marginal = H[:size, :size] - cross @ np.linalg.solve(H[size:, size:], cross.T)
+    cross, of_own = H[:size, size:], H[size:, size:]
+    marginal = H[:size, :size] - cross @ solutions(of_own, cross.T)
+    log_det = float(np.linalg.slogdet(of_own)[1])
+    if not (np.isfinite(marginal).all() and np.isfinite(log_det)):
+        raise AxisUnobservable(
+            f"{at.variables.kind} joint: the data leave a variable of one source open"
+        )
     marginal = (marginal + marginal.T) / 2
-    return marginal[np.ix_(here, here)], diagonal, float(np.linalg.slogdet(H[size:, size:])[1])
+    return marginal[np.ix_(here, here)], diagonal, log_det
 
 
 def _linearised(

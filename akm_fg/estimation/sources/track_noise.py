@@ -50,6 +50,8 @@ def correlation_time(
     """
     numbers = e.shape[-1] * observed.sum()
     variance = max((e * e).sum() / observed.sum(), least_variance)
+    if not variance > 0:  # an exact path: nothing is left that could be correlated
+        return 1.0, 1.0
     negligible = max(_NEGLIGIBLE, 2 / np.sqrt(numbers))
     tau = 1.0
     for lag in range(1, observed.shape[0] // 2):

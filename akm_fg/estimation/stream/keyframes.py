@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from akm_fg.estimation.stream.stream_records import IncrementalConfig
+from akm_fg.geometry.batches import inverses
 from akm_fg.geometry.rigid_motion import MIN_POINTS, procrustes
 from akm_fg.records import BoolArray, FloatArray, PointTracks
 
@@ -200,7 +201,7 @@ def _averaged(keyframe: StreamFrame, frame: StreamFrame, gate2: float) -> Stream
     p[new], cov[new] = frame.p_world[new], frame.cov_world[new]
     both = np.flatnonzero(frame.observed & keyframe.observed)
     e, C = frame.p_world[both] - p[both], cov[both]
-    inverse = np.linalg.inv(C + frame.cov_world[both])
+    inverse = inverses(C + frame.cov_world[both])
     agree = np.einsum("ni,nij,nj->n", e, inverse, e) < gate2
     both, e, C = both[agree], e[agree], C[agree]
     gain = C @ inverse[agree]

@@ -22,6 +22,7 @@ from scipy.special import expit
 from scipy.stats import chi2
 
 from akm_fg.errors import NoMotionObserved, TracksLost
+from akm_fg.geometry.batches import inverses, solutions
 from akm_fg.geometry.rigid_motion import MIN_POINTS, RigidMotion, free_rigid_motion
 from akm_fg.perception.moving_part.motion_config import MotionSegmentationConfig
 from akm_fg.perception.moving_part.motion_seeds import held_tracks, spectral_clusters, with_hand
@@ -103,7 +104,7 @@ class _Observations:
             weighted = w[..., None, None] * info
             total = weighted.sum(axis=0) + 1e-9 * np.eye(3)
             pull = (weighted @ p[..., None])[..., 0].sum(axis=0)
-            e = p - np.linalg.solve(total, pull[..., None])[..., 0]
+            e = p - solutions(total, pull[..., None])[..., 0]
             d2 = ((info @ e[..., None])[..., 0] * e).sum(axis=-1)
             w = use * np.minimum(1.0, self.cap / np.maximum(np.sqrt(d2), 1e-12))
         cost = np.where(use, np.minimum(d2, self.cap**2), 0.0).sum(axis=0)
@@ -133,7 +134,7 @@ def segment_motion(
         return MotionSegmentation(none, none, none, 0.5, 0.0, 1.0, enough_tracks=False)
     p = np.where(observed[..., None], tracks.p_world, 0.0)
     cov = np.where(observed[..., None, None], tracks.cov_world, np.eye(3))
-    info = np.asarray(np.linalg.inv(cov + config.systematic_m**2 * np.eye(3)), dtype=np.float64)
+    info = inverses(cov + config.systematic_m**2 * np.eye(3))
     seen = _Observations(p, info, observed & judged, config.outlier_sigmas)
     rest = seen.judge_rest(np.ones(len(p), dtype=bool))
     significant = judged & (rest.cost > chi2.isf(config.false_alarm, np.maximum(rest.freedom, 1)))

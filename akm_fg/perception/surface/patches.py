@@ -91,7 +91,8 @@ class PatchViews:
         for k, cloud in enumerate(self.clouds):
             points.append((cloud.p_world - t_world[k]) @ R_world[k])
             normals.append(cloud.normal_world @ R_world[k])
-        x, n = np.concatenate(points), np.concatenate(normals)
+        x = np.concatenate([np.zeros((0, 3)), *points])  # no frame may show any of the part
+        n = np.concatenate([np.zeros((0, 3)), *normals])
         cell = self.config.cell_m
         while True:
             first = _first_of_each(np.floor(x / cell).astype(np.int64))
@@ -127,6 +128,8 @@ def patch_views(
 
 def _first_of_each(cells: NDArray[np.int64]) -> NDArray[np.int_]:
     """Indices of the first row of each distinct (n, 3) cell."""
+    if not len(cells):
+        return np.zeros(0, dtype=int)
     low = cells.min(axis=0)
     spread = cells.max(axis=0) - low + 1
     key = ((cells[:, 0] - low[0]) * spread[1] + cells[:, 1] - low[1]) * spread[2]

@@ -17,6 +17,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from akm_fg.geometry.batches import eigensystems, eigenvalues, inverses, solutions
 from akm_fg.records import FloatArray
 
 GrayImage = NDArray[np.float32]  # (H, W), smoothed
@@ -71,7 +72,7 @@ class Templates:
 
 @dataclass(frozen=True, slots=True)
 class Matches:
-    """Where N patches were found."""
+    """Where N patches were found; NaN for one whose equations are singular."""
 
     uv: FloatArray  # (N, 2)
     shape: FloatArray  # (N, 2, 2) image offset = shape @ template offset
@@ -161,35 +162,35 @@ def _place_information(
     have some along it, which stay behind when the edge slides on. What they add to J^T J on
     average says nothing of the place and is taken off.
     """
-    steepest = np.linalg.eigvalsh(H[:, 4:, 4:])[:, 1] / pixels
+    steepest = eigenvalues(H[:, 4:, 4:])[:, 1] / pixels
     false = config.noise_margin * gradient_noise**2 + config.edge_leak * steepest
     weight = 1 / (config.image_sigma**2 * config.texel_correlation)
     shape = weight * H[:, :4, :4] + np.eye(4) / config.shape_sigma**2
     across = weight * H[:, :4, 4:]
-    known = weight * H[:, 4:, 4:] - across.transpose(0, 2, 1) @ np.linalg.solve(shape, across)
+    known = weight * H[:, 4:, 4:] - across.transpose(0, 2, 1) @ solutions(shape, across)
     return _semidefinite(known - (weight * pixels * false)[:, None, None] * np.eye(2))
 
 
 def _semidefinite(M: FloatArray) -> FloatArray:
     """Symmetric matrices (N, n, n) without their negative eigenvalues."""
-    w, V = np.linalg.eigh(M)
+    w, V = eigensystems(M)
     return np.asarray((V * np.maximum(w, 0.0)[:, None, :]) @ V.transpose(0, 2, 1))
 
 
 def no_more_than(information: FloatArray, limit: FloatArray) -> FloatArray:
     """Information (N, n, n), in no direction more than another one: the smaller where they vie."""
-    w, V = np.linalg.eigh(information)
+    w, V = eigensystems(information)
     w = np.maximum(w, 1e-9 * w[:, -1:] + 1e-12)
     Vt = V.transpose(0, 2, 1)
     root, inverse = (V * w[:, None] ** 0.5) @ Vt, (V * w[:, None] ** -0.5) @ Vt
-    share, U = np.linalg.eigh(inverse @ limit @ inverse)
+    share, U = eigensystems(inverse @ limit @ inverse)
     held = (U * np.clip(share, 0.0, 1.0)[:, None]) @ U.transpose(0, 2, 1)
     return np.asarray(root @ held @ root)
 
 
 def place_information(templates: Templates, index: NDArray, shape: FloatArray) -> FloatArray:
     """Information (N, 2, 2) of templates on their place when seen in these shapes (N, 2, 2)."""
-    back = np.linalg.inv(shape)
+    back = inverses(shape)
     return np.asarray(back.transpose(0, 2, 1) @ templates.information[index] @ back)
 
 
@@ -216,7 +217,7 @@ def match(
     patch, J, H = templates.patch[index], templates.J[index], templates.H[index]
     offsets, spread = _offsets(config), np.maximum(patch.std(axis=1), 1e-6)
     weight = 1 / (config.image_sigma**2 * config.texel_correlation)
-    precision_u = np.linalg.inv(prior_cov_px2)
+    precision_u = inverses(prior_cov_px2)
     precision_a = 1 / config.shape_sigma**2
     uv, shape = uv.copy(), shape.copy()
     u0, A0 = uv.copy(), shape.copy()
@@ -237,10 +238,10 @@ def match(
         b = weight * (J[going].transpose(0, 2, 1) @ error[..., None])[..., 0]
         b[:, :4] += precision_a * (At @ (A - A0[going])).reshape(-1, 4)
         b[:, 4:] += (held @ (uv[going] - u0[going])[..., None])[..., 0]
-        d = np.linalg.solve(M, b[..., None])[..., 0]
+        d = solutions(M, b[..., None])[..., 0]
         d[:, 4:] = np.clip(d[:, 4:], -2, 2)  # a longer step leaves the linear range
         D = np.clip(d[:, :4], -0.2, 0.2).reshape(-1, 2, 2)
-        shape[going] = A = A @ np.linalg.inv(np.eye(2) + D)
+        shape[going] = A = A @ inverses(np.eye(2) + D)
         uv[going] -= (A @ d[:, 4:, None])[..., 0]
         step_px = np.abs(d) * ([config.radius_px] * 4 + [1, 1])
         going = going[step_px.max(axis=1) > config.rest_px]
@@ -249,4 +250,4 @@ def match(
     left = spread**2 * np.clip(1 - correlation**2, 0, 1) / config.image_sigma**2
     misfit = 1 + config.misfit_correlation / config.texel_correlation * np.maximum(left - 1, 0)
     seen_well = place_information(templates, index, shape) / misfit[:, None, None]
-    return Matches(uv, shape, correlation, np.linalg.inv(seen_well + precision_u))
+    return Matches(uv, shape, correlation, inverses(seen_well + precision_u))

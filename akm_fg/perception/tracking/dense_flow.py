@@ -8,9 +8,11 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from akm_fg.errors import TracksLost
 from akm_fg.records import FloatArray
 
 Flow = NDArray[np.float32]  # (H, W, 2) pixels
+_LEAST_PX = 12  # side of the smallest image in which DIS looks for flow
 
 
 class DenseFlow(Protocol):
@@ -29,7 +31,17 @@ class DisFlow:
         self._dis = cv2.DISOpticalFlow.create(cv2.DISOPTICAL_FLOW_PRESET_FAST)
 
     def both(self, a: NDArray[np.uint8], b: NDArray[np.uint8]) -> tuple[Flow, Flow]:
-        """As `DenseFlow` says."""
+        """As `DenseFlow` says.
+
+        Raises:
+            TracksLost: the images are too small.
+        """
+        height, width = a.shape
+        if min(height, width) < _LEAST_PX:
+            raise TracksLost(
+                f"images of {width} x {height} pixels; "
+                f"expected at least {_LEAST_PX} x {_LEAST_PX} to follow points in"
+            )
         empty: Any = None  # no start value; the stubs do not allow it
         forth, back = self._dis.calc(a, b, empty), self._dis.calc(b, a, empty)
         return np.asarray(forth, dtype=np.float32), np.asarray(back, dtype=np.float32)

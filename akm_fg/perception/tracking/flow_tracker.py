@@ -23,6 +23,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from akm_fg.geometry.batches import eigenvalues, inverses, singular_values
 from akm_fg.interfaces import SeenPixels
 from akm_fg.perception.tracking.affine_match import (
     AffineMatchConfig,
@@ -156,7 +157,7 @@ class FlowSession:
         s, c = self._points, self._config
         assert s is not None
         cov = s.cov[rows] + s.anchor_cov[rows]
-        along = np.linalg.eigvalsh(cov)[:, 1]
+        along = eigenvalues(cov)[:, 1]
         every = c.floor_sigma_px**2 + c.edge_bend_rad**2 * along
         return SeenPixels(s.index[rows], s.uv[rows], cov + every[:, None, None] * np.eye(2))
 
@@ -196,11 +197,11 @@ class FlowSession:
         """
         c, every = self._config, np.arange(s.index.size)
         length = np.linalg.norm(step, axis=1)
-        slipped = np.sqrt(np.linalg.eigvalsh(s.cov)[:, 1])
+        slipped = np.sqrt(eigenvalues(s.cov)[:, 1])
         slip = c.slip_share * length
         slip2 = np.maximum(slip * (slip + 2 * slipped), c.flow_sigma_px**2)
         slip2 = np.where(s.alive, slip2, c.max_slip_px**2)
-        open_cov = np.linalg.inv(
+        open_cov = inverses(
             place_information(s.templates, every, s.shape) + np.eye(2) / slip2[:, None, None]
         )
         flow2 = c.flow_sigma_px**2 + (c.flow_share * length) ** 2 + gap**2
@@ -220,7 +221,7 @@ class FlowSession:
         c = self._config
         m = match(image.smoothed, s.templates, index, predicted, shape, prior, c.patch)
         shift = np.linalg.norm(m.uv - predicted, axis=1)
-        stretch = np.linalg.svd(m.shape, compute_uv=False)
+        stretch = singular_values(m.shape)
         fits = (m.correlation > least_correlation) & (shift < c.max_shift_px)
         fits &= (stretch[:, 1] > 1 / c.max_stretch) & (stretch[:, 0] < c.max_stretch)
         return _Found(m.uv, m.shape, m.cov_px2, fits)
@@ -243,7 +244,7 @@ class FlowSession:
         depth_m, known = _depth_around(frame, found.uv, c)
         limit = np.where(s.alive, c.max_depth_jump_m, c.max_moved_back_m)
         jumped = np.abs(depth_m - s.depth_m) > limit
-        variance = np.linalg.eigvalsh(found.cov + s.anchor_cov)
+        variance = eigenvalues(found.cov + s.anchor_cov)
         sure = (variance[:, 0] < c.max_sigma_px**2) & (variance[:, 1] < c.max_slip_px**2)
         good = found.fits & (known >= c.min_known) & ~jumped & _inside(frame, found.uv) & sure
         s.uv[good], s.shape[good], s.cov[good] = found.uv[good], found.shape[good], found.cov[good]

@@ -17,6 +17,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from akm_fg.geometry.batches import solutions
 from akm_fg.interfaces import SeenPixels
 from akm_fg.perception.depth.depth_noise import DepthNoiseModel
 from akm_fg.perception.tracking.track_store import SeenPoints
@@ -95,7 +96,7 @@ def _fit(
     for last in (False, False, True):
         At = np.where(keep[..., None], A, 0.0).transpose(0, 2, 1)
         normal = At @ A + 1e-9 * np.eye(3)
-        plane = np.asarray(np.linalg.solve(normal, At @ inverse[..., None]), dtype=np.float64)
+        plane = solutions(normal, At @ inverse[..., None])
         residual = np.abs((A @ plane)[..., 0] - inverse)
         if not last:  # first shed the far half of gross outliers, then what the gate excludes
             kept = np.sort(np.where(keep, residual, np.inf), axis=1)

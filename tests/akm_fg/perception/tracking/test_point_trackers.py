@@ -7,6 +7,12 @@ import numpy as np
 import pytest
 
 from akm_fg.interfaces import PointTracker
+from akm_fg.perception.tracking.affine_match import (
+    AffineMatchConfig,
+    cut_templates,
+    match,
+    smooth,
+)
 from akm_fg.perception.tracking.clips import track_clip
 from akm_fg.perception.tracking.flow_tracker import FlowTracker
 from akm_fg.perception.tracking.seeding import SeedingConfig, seed_points
@@ -183,3 +189,19 @@ def test_two_streams_of_one_tracker_share_nothing(tracker, door, drawer) -> None
             if frame is door.frames[0]:
                 each.follow(uv)
     np.testing.assert_array_equal(alone.uv[3, seen.index], seen.uv)
+
+
+def test_a_point_whose_equations_are_singular_is_lost_and_the_others_go_on(door) -> None:
+    config, uv = AffineMatchConfig(), seeds_on(door)[:6]
+    image = smooth(door.frames[0].rgb, config)
+    templates, flat = cut_templates(image, uv, config), np.tile(np.eye(2), (6, 1, 1))
+    prior, every = np.tile(np.eye(2), (6, 1, 1)), np.arange(6)
+    whole = match(image, templates, every, uv, flat, prior, config)
+    prior[2] = 0.0
+    shape = flat.copy()
+    shape[4] = 0.0
+    found = match(image, templates, every, uv, shape, prior, config)
+    others = [0, 1, 3, 5]
+    np.testing.assert_allclose(found.uv[others], whole.uv[others], atol=1e-6)
+    assert np.isfinite(found.cov_px2[others]).all()
+    assert np.isnan(found.uv[2]).all() and np.isnan(found.cov_px2[4]).all()
