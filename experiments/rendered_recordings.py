@@ -4,8 +4,10 @@
 
 One folder an object (docs/conventions.md, "Recording"), with the truth in `recording.json` for
 scoring alone. `--pull scripted`, the default, sets the joint to its states and moves the Franka
-along without physics: it only generates data and is never used by the program. `--pull robot` is
-the real thing: friction grasp, compliant pull, physics; it takes about half a minute and may fail.
+along without physics: it only generates data and is never used by the program. `--pull hand` is
+that with a person's hand, which is seen and not masked, in place of the Franka: what household
+suites always get, whose lids and covers no fixed arm could follow so far. `--pull robot` is the
+real thing: friction grasp, compliant pull, physics; it takes about half a minute and may fail.
 Folders that are there already are not made again. About ten seconds an object; no table: it feeds
 the experiments that fit rendered recordings.
 """
@@ -28,22 +30,29 @@ import numpy as np
 from akm_fg.errors import GraspFailed, InputError, MotionInfeasible
 from akm_fg.io.recording_writer import RecordingWriter
 from akm_fg.records import FloatArray
+from sim.bullet import p
+from sim.camera.camera import CameraConfig
 from sim.camera.noise import NOISE_LEVELS
 from sim.camera.views import sample_view
 from sim.episode import SimEpisode, open_world
-from sim.objects.suites.catalogue import SUITES, Suite, find_suite
+from sim.objects.household.household_spec import SMALL_PX, HouseholdSpec
+from sim.objects.household.household_suites import HouseholdSuite
+from sim.objects.placement import opened
+from sim.objects.suites.catalogue import ALL_SUITES, Suite, find_suite
 from sim.objects.suites.furniture_spec import FurnitureSpec
+from sim.robot.riding_hand import RidingHand
 from sim.robot.scripted_pull import ScriptedPull
 
 PULL_SPEED_M_S = 0.05  # of the compliant pull
 FRAME_S = (0.15, 0.35)  # between frames of a scripted pull
+SMALL_DISTANCE_M = (1.4, 3.2)  # from where what is to be small is seen; depth ends soon after
 
 
 @dataclass(frozen=True, slots=True)
 class RecordingConfig:
     """What is recorded."""
 
-    pull: Literal["robot", "scripted"] = "scripted"
+    pull: Literal["robot", "scripted", "hand"] = "scripted"
     frames: int = 20
     travel_deg: tuple[float, float] = (10.0, 40.0)
     travel_cm: tuple[float, float] = (6.0, 25.0)
@@ -52,10 +61,12 @@ class RecordingConfig:
 
 
 def travel_and_states(
-    spec: FurnitureSpec, config: RecordingConfig, rng: np.random.Generator
+    spec: FurnitureSpec | HouseholdSpec, config: RecordingConfig, rng: np.random.Generator
 ) -> FloatArray:
     """States (frames,) from closed, in uneven steps, to a travel drawn for this object."""
-    if spec.kind == "prismatic":
+    if isinstance(spec, HouseholdSpec):
+        travel = rng.uniform(*spec.travels)
+    elif spec.kind == "prismatic":
         travel = rng.uniform(*config.travel_cm) / 100.0
     else:
         travel = np.deg2rad(rng.uniform(*config.travel_deg))
@@ -74,17 +85,42 @@ def record(name: str, config: RecordingConfig, folder: Path) -> int:
     spec = find_suite(suite).load(short, config.seed)
     rng = np.random.default_rng([*spec.key, config.seed, 31])
     states, view = travel_and_states(spec, config, rng), sample_view(rng, max(spec.front_m))
+    if isinstance(spec, HouseholdSpec) and spec.small:
+        view = dataclasses.replace(view, distance_m=_distance_of_small(spec))
     part = folder.with_name(folder.name + ".part")
     shutil.rmtree(part, ignore_errors=True)
     with open_world(name, config.seed, config.noise, view=view) as world:
-        frames = _scripted if config.pull == "scripted" else _pulled
+        by_hand = config.pull == "hand" or isinstance(spec, HouseholdSpec)
+        frames = _by_hand if by_hand else _scripted if config.pull == "scripted" else _pulled
         with RecordingWriter(part) as writer:
             truths = list(frames(world, states, writer, rng))
-            writer.set_grasp_frames(0, len(writer) - 1)
+            if not by_hand:
+                writer.set_grasp_frames(0, len(writer) - 1)
             truth = dataclasses.replace(world.truth(), states=np.array(truths))
             writer.set_truth(truth)
     part.rename(folder)
     return len(truths)
+
+
+def _distance_of_small(spec: HouseholdSpec) -> float:
+    """From where the part has about SMALL_PX pixels, seen at 45 deg."""
+    width, other = spec.front_m
+    area_px = CameraConfig().focal_px ** 2 * width * other * np.cos(np.pi / 4)  # at a metre
+    return float(np.clip(np.sqrt(area_px / SMALL_PX), *SMALL_DISTANCE_M))
+
+
+def _by_hand(
+    world: SimEpisode, states: FloatArray, writer: RecordingWriter, rng: np.random.Generator
+) -> Iterator[float]:
+    """Writes a frame for each state, with a hand on the grip; yields the true states."""
+    hand, (sim, T) = RidingHand(world.world), (world.world, world.world.placement.T_world_object)
+    stamps = np.cumsum(rng.uniform(*FRAME_S, len(states)))
+    for state, stamp_s in zip(states.tolist(), stamps, strict=True):
+        p.resetJointState(sim.object_id, sim.part_joint, state, physicsClientId=sim.client)
+        hand.show(T * opened(sim.built, state) * T.inverse() * world.T_world_grasp)
+        frame = dataclasses.replace(world.camera.capture(), stamp_s=float(stamp_s - stamps[0]))
+        writer.add(frame)
+        yield sim.part_state()
 
 
 def _scripted(
@@ -131,7 +167,7 @@ def _hand_travel(world: SimEpisode) -> float:
     return float(np.linalg.norm(np.cross(built.axis_object, arm)))
 
 
-def chosen(suite: Suite, objects: str | None) -> list[str]:
+def chosen(suite: Suite | HouseholdSuite, objects: str | None) -> list[str]:
     """Names that a glob matches; or as many as a count says, evenly over the suite."""
     names = list(suite.names())
     if objects is None:
@@ -186,9 +222,9 @@ def main(argv: list[str] | None = None) -> int:
 
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--suite", default="furniture-dev", help=", ".join(SUITES))
+    parser.add_argument("--suite", default="furniture-dev", help=", ".join(ALL_SUITES))
     parser.add_argument("--objects", help="a glob (door-*) or a count; all if absent")
-    parser.add_argument("--pull", choices=("scripted", "robot"), default="scripted")
+    parser.add_argument("--pull", choices=("scripted", "robot", "hand"), default="scripted")
     parser.add_argument("--frames", type=int, default=20)
     parser.add_argument("--travel-deg", type=float, nargs=2, default=(10.0, 40.0))
     parser.add_argument("--travel-cm", type=float, nargs=2, default=(6.0, 25.0))

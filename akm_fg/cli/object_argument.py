@@ -75,9 +75,9 @@ def parse_object(text: str, joint: str | None = None) -> ObjectArgument:
     """
     from sim.objects.embedded import OBJECT_NAMES
     from sim.objects.imported.partnet import JOINT_MARK, PREFIX
-    from sim.objects.suites.catalogue import SUITES
+    from sim.objects.suites.catalogue import ALL_SUITES
 
-    if text in OBJECT_NAMES or text.partition("/")[0] in SUITES:
+    if text in OBJECT_NAMES or text.partition("/")[0] in ALL_SUITES:
         return ObjectArgument(text, joint, ours=True)
     place = text.removeprefix(PREFIX).partition(JOINT_MARK)[0]
     try:

@@ -19,12 +19,13 @@ from akm_fg.errors import MissingDependency
 if TYPE_CHECKING:
     from rich.table import Table
 
+    from sim.objects.household.household_spec import HouseholdSpec
     from sim.objects.imported.imported_spec import ImportedSpec
     from sim.objects.listing import Listing
     from sim.objects.mechanisms import Catch, Closer
     from sim.objects.suites.furniture_spec import FurnitureSpec
 
-    Spec = FurnitureSpec | ImportedSpec
+    Spec = FurnitureSpec | HouseholdSpec | ImportedSpec
 
 
 @dataclass(frozen=True)
@@ -39,7 +40,7 @@ class ObjectsArguments:
     """
 
     suite: str = "furniture-dev"
-    """furniture-116, furniture-dev or partnet."""
+    """furniture-116, furniture-dev, household-60, household-dev or partnet."""
     folder: Path | None = None
     """Of partnet: FOLDER with FOLDER/ID/mobility.urdf, one such object, or any URDF file."""
     json: str | None = None

@@ -28,7 +28,7 @@ from akm_fg.errors import AkmError, OutputError
 from sim.bullet import p
 from sim.camera.camera import CameraConfig
 from sim.episode import SimEpisode, open_world
-from sim.objects.suites.catalogue import SUITES, find_suite
+from sim.objects.suites.catalogue import SUITES
 from sim.objects.suites.furniture_spec import FurnitureSpec
 
 Rgb = NDArray[np.uint8]
@@ -184,7 +184,7 @@ def main(arguments: Sequence[str] | None = None, world: World = clean_world) -> 
     if given.columns < 2:
         parser.error(f"--columns {given.columns}: an object takes two")
     config = SheetConfig(columns=given.columns)
-    specs = list(find_suite(given.suite))
+    specs = list(SUITES[given.suite])
     console = Console(file=sys.stderr)
     cells = make_cells(specs, given.seed, config, given.processes, world)
     shown = list(track(cells, given.suite, len(specs), console=console))

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from akm_fg.errors import InputError
+from sim.objects.household.household_spec import HouseholdSpec
 from sim.objects.imported.imported_spec import ImportedSpec, ImportOptions, import_spec
 from sim.objects.imported.partnet import (
     JOINT_MARK,
@@ -15,7 +16,7 @@ from sim.objects.imported.partnet import (
     Skipped,
     load_folder,
 )
-from sim.objects.suites.catalogue import SUITES, find_suite
+from sim.objects.suites.catalogue import ALL_SUITES, find_suite
 from sim.objects.suites.furniture_spec import FurnitureSpec
 from sim.objects.urdf.urdf_reader import read_urdf
 
@@ -28,7 +29,7 @@ class Listing:
 
     suite: str
     split: str
-    specs: tuple[FurnitureSpec | ImportedSpec, ...]
+    specs: tuple[FurnitureSpec | HouseholdSpec | ImportedSpec, ...]
     skipped: tuple[Skipped, ...] = ()
 
 
@@ -46,8 +47,8 @@ def list_suite(name: str, folder: Path | None, seed: int) -> Listing:
     if name.startswith(PREFIX):
         name, folder = PARTNET, Path(name.removeprefix(PREFIX))
     if name != PARTNET:
-        if name not in SUITES:
-            known = ", ".join([*SUITES, f"{PARTNET} (with --folder)"])
+        if name not in ALL_SUITES:
+            known = ", ".join([*ALL_SUITES, f"{PARTNET} (with --folder)"])
             raise InputError(f"suite {name}", "not known", f"one of {known}")
         if folder is not None:
             raise InputError(f"--folder {folder}", f"not for {name}", f"--suite {PARTNET}")

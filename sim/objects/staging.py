@@ -14,6 +14,8 @@ from sim.objects.embedded import (
     build_object,
     sample_object,
 )
+from sim.objects.household.household_build import build_household, place_household
+from sim.objects.household.household_spec import HouseholdSpec
 from sim.objects.imported.import_place import place_imported
 from sim.objects.imported.imported_build import build_imported
 from sim.objects.imported.imported_spec import ImportedSpec, ImportOptions, import_spec
@@ -21,7 +23,7 @@ from sim.objects.imported.partnet import JOINT_MARK, PREFIX, URDF, load_folder, 
 from sim.objects.object_record import read_record, spec_text, write_record
 from sim.objects.part_spec import BuiltObject, PartSpec
 from sim.objects.placement import Placement, place
-from sim.objects.suites.catalogue import SUITES, load_spec
+from sim.objects.suites.catalogue import ALL_SUITES, load_spec
 from sim.objects.suites.furniture_build import build_furniture
 from sim.objects.suites.furniture_place import place_furniture
 from sim.objects.suites.furniture_spec import FurnitureSpec
@@ -67,7 +69,7 @@ def _find_imported(name: str, seed: int, options: ImportOptions) -> ImportedSpec
     path = Path(place)
     if place.lower().endswith(".urdf"):
         return import_spec(name, path, seed, options)
-    if place in OBJECT_NAMES or place.partition("/")[0] in SUITES:
+    if place in OBJECT_NAMES or place.partition("/")[0] in ALL_SUITES:
         return None
     if name.startswith(PREFIX) or path.is_dir():
         if not (path / URDF).is_file():
@@ -105,6 +107,9 @@ def build_and_place(
     if isinstance(spec, FurnitureSpec):
         built = build_furniture(spec, folder)
         return built, place_furniture(built, spec, kinematics)
+    if isinstance(spec, HouseholdSpec):
+        built = build_household(spec, folder)
+        return built, place_household(built, spec, kinematics)
     if isinstance(spec, ImportedSpec):
         built = build_imported(spec, folder)
         return built, place_imported(built, spec, kinematics)

@@ -1,5 +1,7 @@
 """The suites: which objects there are, by name; each is drawn from its own numbers alone.
 
+Furniture stands here; `sim.objects.household` has the others. All are found by `find_suite`.
+
 `furniture-116` is the benchmark. NOTHING IS EVER TUNED ON IT: no threshold, no prior, no memory,
 no network. Its seeds stand below and are not chosen for any result; whoever needs objects to look
 at while building uses `furniture-dev`, whose seeds and sizes are others.
@@ -13,6 +15,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from akm_fg.errors import InputError
+from sim.objects.household.household_spec import HouseholdSpec
+from sim.objects.household.household_suites import HOUSEHOLD, HouseholdSuite
 from sim.objects.part_spec import Hinge
 from sim.objects.suites.furniture_spec import (
     HANDLELESS_FAMILIES,
@@ -159,18 +163,21 @@ SUITES = {
 }
 
 
-def find_suite(name: str) -> Suite:
+ALL_SUITES: dict[str, Suite | HouseholdSuite] = {**HOUSEHOLD, **SUITES}
+
+
+def find_suite(name: str) -> Suite | HouseholdSuite:
     """The suite called `name`.
 
     Raises:
         InputError: no such suite.
     """
-    if name not in SUITES:
-        raise InputError(f"suite {name}", "not known", f"one of {', '.join(SUITES)}")
-    return SUITES[name]
+    if name not in ALL_SUITES:
+        raise InputError(f"suite {name}", "not known", f"one of {', '.join(ALL_SUITES)}")
+    return ALL_SUITES[name]
 
 
-def load_spec(full_name: str, seed: int) -> FurnitureSpec:
+def load_spec(full_name: str, seed: int) -> FurnitureSpec | HouseholdSpec:
     """The object SUITE/NAME as met with `seed`.
 
     Raises:
