@@ -96,6 +96,12 @@ class StatePosterior:
     mean: FloatArray  # (T,); NaN where the part was not seen
     sd: FloatArray  # (T,)
 
+    @property
+    def last_seen(self) -> int | None:
+        """The last frame with a state; None where the part was never seen."""
+        seen = np.flatnonzero(np.isfinite(self.mean))
+        return int(seen[-1]) if seen.size else None
+
 
 @dataclass(frozen=True, slots=True)
 class Evidence:

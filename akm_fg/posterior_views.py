@@ -52,6 +52,7 @@ def _fields(posterior: ArticulationPosterior) -> dict[str, Any]:
             "unit": best.states.unit,
             "mean": _numbers(best.states.mean),
             "sd": _numbers(best.states.sd),
+            "last_seen_frame": best.states.last_seen,
         },
         "evidence": {
             kind: _evidence(alternative.evidence)

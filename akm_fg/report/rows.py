@@ -97,14 +97,8 @@ def _pivot_row(joint: JointPosterior, found: Score | None) -> Row:
     )
 
 
-def last_seen(states: StatePosterior) -> int | None:
-    """The last frame with a state; None where the part was never seen."""
-    seen = np.flatnonzero(np.isfinite(states.mean))
-    return int(seen[-1]) if seen.size else None
-
-
 def _state_rows(states: StatePosterior, found: Score | None) -> list[Row]:
-    last = last_seen(states)
+    last = states.last_seen
     if last is None:
         return [Row("state", "the part was not seen in any frame")]
     unit = states.unit

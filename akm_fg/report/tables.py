@@ -9,7 +9,7 @@ from rich.table import Table
 from rich.text import Text
 
 from akm_fg.posterior import ArticulationPosterior, normal_bound
-from akm_fg.report.rows import last_seen, most_probable, score_rows
+from akm_fg.report.rows import most_probable, score_rows
 from akm_fg.report.summary import RunSummary
 from akm_fg.report.wording import NONE, ascii_text, per_cent, printable, size, state, vector
 
@@ -67,7 +67,7 @@ def _cells(posterior: ArticulationPosterior) -> tuple[str, ...]:
         if best.joint.pivot is not None and bound is not None:
             centre = vector(best.joint.pivot, digits=1, scale=100)
             joint += f"\n{centre}\n± {size(bound, 'm')}"
-    frame = None if best.states is None else last_seen(best.states)
+    frame = None if best.states is None else best.states.last_seen
     if best.states is not None and frame is not None:
         unit = best.states.unit
         bound = normal_bound() * float(best.states.sd[frame])
@@ -82,6 +82,9 @@ def _notes(posterior: ArticulationPosterior) -> str:
         notes.insert(0, f"most probable: {most_probable(posterior)}")
     if not posterior.fit.parametric:
         notes.insert(0, "no joint kind explains the data")
+    states = posterior.best.states
+    if states is not None and states.last_seen not in (None, states.mean.size - 1):
+        notes.insert(0, f"last seen in frame {states.last_seen} of {states.mean.size}")
     return "; ".join(notes)
 
 

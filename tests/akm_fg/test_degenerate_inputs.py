@@ -190,3 +190,15 @@ def test_a_degenerate_path_gets_an_answer_or_one_line(path, turned):
     p = PATHS[path]
     R = np.tile(np.eye(3), (len(p), 1, 1)) if turned else None
     _said(lambda: fit_poses(PoseTrack(p, R)))
+
+
+def test_the_states_of_a_part_that_leaves_end_where_it_was_last_seen(kind, door, drawer):
+    clip = door if kind == "revolute" else drawer
+    posterior = _said(lambda: fit_recording(HARD["a part that leaves"](clip.recording)).posterior)
+    assert posterior is not None and posterior.kind == kind
+    states, last = posterior.best.states, 7
+    assert states.last_seen == last and np.isnan(states.mean[last + 1 :]).all()
+    assert abs(states.mean[last] - clip.states[last]) < 5 * states.sd[last]
+    written = posterior_as_dict(posterior)["states"]
+    assert written["last_seen_frame"] == last
+    assert written["mean"][last + 1 :] == written["sd"][last + 1 :] == [None] * 7

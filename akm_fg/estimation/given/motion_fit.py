@@ -133,8 +133,9 @@ def bent_drawer(
         left = np.zeros((4, 5))
     step = -np.linalg.lstsq(left[:, :4], left[:, 4])[0]
     k = across.T @ step[2:]
-    rho = 1 / max(float(np.linalg.norm(k)), 1 / MAX_RADIUS_M)
-    n = k / max(float(np.linalg.norm(k)), 1e-12)
+    size = float(np.linalg.norm(k))
+    rho = 1 / max(size, 1 / MAX_RADIUS_M)
+    n = k / size if size > 1e-12 else across[0]  # exactly straight: bent in any direction as little
     hinge = centroid_world + rho * cross(n, a)
     return JointGuess(Joint(JointKind.REVOLUTE, joint_frame(n, hinge), 0.0), s / rho)
 

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from akm_fg.errors import TracksLost
+from akm_fg.errors import NoMotionObserved, TracksLost
 from akm_fg.estimation.config import FitConfig
 from akm_fg.estimation.given.guesses import guesses_from_path, hinges_of_motions
 from akm_fg.estimation.given.jumps import jumping_rows
@@ -54,6 +54,9 @@ def problem_of_path(
         tracks: T frames, one or two points.
         noise_known: whether the covariances are more than nominal.
         config: tuning.
+
+    Raises:
+        NoMotionObserved: all positions are the same.
     """
     seen = np.asarray(tracks.observed.any(axis=1))
     path = np.full((seen.size, 3), np.nan)
@@ -64,6 +67,8 @@ def problem_of_path(
     sigma_m = float(np.sqrt(np.median(variances)))
     noise = local_noise(path[known]) / sigma_m
     travel_m = float(np.linalg.norm(path[known] - path[known[0]], axis=1).max())
+    if travel_m == 0.0:
+        raise NoMotionObserved(f"{name}: all {known.size} positions are the same; expected a path")
     systematic = 0.0 if noise_known else config.systematic_share * travel_m / sigma_m
     # A single marker sits on the handle, not in the middle of the part.
     prior = replace(config.prior, hinge_distance_m=config.prior.handle_distance_m)

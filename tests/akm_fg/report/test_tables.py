@@ -1,6 +1,7 @@
 import io
 from dataclasses import replace
 
+import numpy as np
 import pytest
 from rich.console import Console
 
@@ -72,3 +73,15 @@ def test_control_characters_of_a_name_are_escaped(scenes):
     text = show(posterior_table([posterior]))
     assert "\x1b" not in text and "\u202e" not in text
     assert r"a\x1b[2Jb\nc\u202e" in text
+
+
+def test_the_table_says_where_a_part_that_leaves_was_last_seen(scenes):
+    posterior = scenes.posterior("revolute")
+    assert "last seen" not in show(posterior_table([posterior]))
+    best = posterior.best
+    mean, frames = best.states.mean.copy(), best.states.mean.size
+    mean[-3:] = np.nan
+    left = replace(best, states=replace(best.states, mean=mean))
+    posterior = replace(posterior, alternatives={**posterior.alternatives, "revolute": left})
+    text = show(posterior_table([posterior]))
+    assert f"last seen in frame {frames - 4} of {frames}" in text
