@@ -10,7 +10,7 @@ import numpy as np
 
 from akm_fg.errors import InsufficientData, NoMotionObserved, TracksLost
 from akm_fg.estimation.config import FitConfig
-from akm_fg.estimation.fit import fit_poses, fit_tracks
+from akm_fg.estimation.fit import fit_poses
 from akm_fg.estimation.sources.state_knowledge import StateKnowledge
 from akm_fg.io.inputs import FitInput
 from akm_fg.io.tracks import TracksInput
@@ -20,6 +20,7 @@ from akm_fg.posterior import ArticulationPosterior
 from akm_fg.records import Recording
 from akm_fg.stages import ModelSettings, RecordingFit, Sources, Stages
 from akm_fg.stream.seen_so_far import SeenSoFar, hands_of
+from akm_fg.track_parts import fit_parts
 
 Watched = Callable[[int, int], None]
 """Is told after each frame of a recording: how many are done, of how many."""
@@ -138,7 +139,7 @@ def observe_and_fit(
         fit = fit_recording(recording, seed, perception, config, stages=stages, watched=watched)
         return InputFit(fit.posterior, fit.observed)
     if isinstance(data, TracksInput):
-        posterior = fit_tracks(data.tracks, name, data.noise_known, seed, config)
+        posterior = fit_parts(data.tracks, name, data.noise_known, seed, config)
     else:
         posterior = fit_poses(data, name, config)
     return InputFit(_noted(posterior, data.notes))

@@ -169,6 +169,7 @@ class ArticulationPosterior:
     alternatives: dict[str, KindPosterior]  # every kind that could be fitted
     fit: FitReport
     time_s: dict[str, float] = field(default_factory=dict)
+    other_parts: tuple[ArticulationPosterior, ...] = ()  # of tracks: others that move as well
 
     @property
     def best(self) -> KindPosterior:

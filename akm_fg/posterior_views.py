@@ -46,14 +46,7 @@ def _fields(posterior: ArticulationPosterior) -> dict[str, Any]:
         "kind": posterior.kind,
         "kind_probability": posterior.kind_probability,
         "joint": _joint(best.joint),
-        "states": None
-        if best.states is None
-        else {
-            "unit": best.states.unit,
-            "mean": _numbers(best.states.mean),
-            "sd": _numbers(best.states.sd),
-            "last_seen_frame": best.states.last_seen,
-        },
+        "states": _states(best.states),
         "evidence": {
             kind: _evidence(alternative.evidence)
             for kind, alternative in posterior.alternatives.items()
@@ -80,7 +73,29 @@ def _fields(posterior: ArticulationPosterior) -> dict[str, Any]:
             "parametric": posterior.fit.parametric,
             "warnings": list(posterior.fit.warnings),
         },
+        "other_parts": [_other_part(other) for other in posterior.other_parts],
         "time_s": posterior.time_s,
+    }
+
+
+def _other_part(posterior: ArticulationPosterior) -> dict[str, Any]:
+    return {
+        "kind": posterior.kind,
+        "kind_probability": posterior.kind_probability,
+        "joint": _joint(posterior.best.joint),
+        "states": _states(posterior.best.states),
+        "tracks_used": posterior.fit.tracks_used,
+    }
+
+
+def _states(states: StatePosterior | None) -> dict[str, Any] | None:
+    if states is None:
+        return None
+    return {
+        "unit": states.unit,
+        "mean": _numbers(states.mean),
+        "sd": _numbers(states.sd),
+        "last_seen_frame": states.last_seen,
     }
 
 

@@ -74,7 +74,7 @@ class PoseLogsConfig:
 
     runs: int = 20
     first_seed: int = 30_000
-    out: Path = Path("runs/pose-logs")
+    folder: Path = Path("runs/pose-logs")
 
     @property
     def seeds(self) -> range:
@@ -141,18 +141,18 @@ def _lines(groups: list[tuple[str, list[TrialRow]]]) -> Iterator[list[str]]:
 
 def run(config: PoseLogsConfig) -> list[TrialRow]:
     """All trials that are not there yet; returns those that were asked for."""
-    note_run(config.out, config)
+    note_run(config.folder, config)
     wanted = list(keys([cell.name for cell in CELLS], [METHOD], config.seeds))
-    fill(config.out / f"{METHOD}.jsonl", wanted, lambda batch: map(run_trial, batch))
-    return [row for row in read_rows(config.out) if row.key in set(wanted)]
+    fill(config.folder / f"{METHOD}.jsonl", wanted, lambda batch: map(run_trial, batch))
+    return [row for row in read_rows(config.folder) if row.key in set(wanted)]
 
 
 def main() -> None:
     """Run what is missing and print the tables."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--runs", type=int, default=PoseLogsConfig.runs)
-    parser.add_argument("--first-seed", type=int, default=PoseLogsConfig.first_seed)
-    parser.add_argument("--out", type=Path, default=PoseLogsConfig.out)
+    parser.add_argument("--runs", type=int, default=20)
+    parser.add_argument("--first-seed", type=int, default=30_000)
+    parser.add_argument("--out", type=Path, default=Path("runs/pose-logs"))
     arguments = parser.parse_args()
     rows = run(PoseLogsConfig(arguments.runs, arguments.first_seed, arguments.out))
     print(table(rows, "pose logs"))

@@ -133,3 +133,84 @@ def test_what_positions_err_by_does_not_sharpen_orientations():
         joint = fit_poses(poses).alternatives["revolute"].joint
         inside += np.arccos(min(abs(joint.axis @ axis), 1.0)) <= joint.axis_bound_rad()
     assert inside >= 12  # of binomial(15, 0.95), 12 or more in 99.5 of 100 cases
+
+
+def _turning(turns, frames, radius_m=0.2, pitch_m=0.0, noise_m=0.001, noise_rad=0.005, seed=0):
+    """A marker that goes about the z axis for so many turns, `pitch_m` a turn."""
+    rng = np.random.default_rng(seed)
+    q = np.linspace(0, 2 * np.pi * turns, frames)
+    p = np.column_stack([radius_m * np.cos(q), radius_m * np.sin(q), pitch_m * q / (2 * np.pi)])
+    R = [gtsam.Rot3.Rz(a).retract(noise_rad * rng.normal(size=3)).matrix() for a in q]
+    return PoseTrack(p + noise_m * rng.normal(size=p.shape), np.array(R)), q
+
+
+@pytest.mark.parametrize("with_orientations", [True, False])
+@pytest.mark.parametrize("turns", [0.97, 3.0])
+def test_states_run_on_over_full_turns(turns, with_orientations):
+    poses, q = _turning(turns, 120)
+    if not with_orientations:
+        poses = PoseTrack(poses.p_world)
+    posterior = fit_poses(poses)
+    assert posterior.kind == "revolute"
+    assert_allclose(posterior.best.states.mean, q, atol=0.05)
+    assert not any("too far apart" in text for text in posterior.fit.warnings)
+
+
+def test_a_lid_of_two_and_a_half_turns_is_a_screw():
+    poses, q = _turning(2.5, 100, radius_m=0.04, pitch_m=0.004, noise_m=0.0005)
+    posterior = fit_poses(poses)
+    assert posterior.kind == "helical"
+    assert_allclose(posterior.best.joint.pitch_m_per_rad, 0.004 / (2 * np.pi), atol=1e-4)
+    assert_allclose(posterior.best.states.mean, q, atol=0.05)
+
+
+def test_where_frames_are_half_a_turn_apart_the_count_of_turns_is_not_vouched_for():
+    poses, _ = _turning(6.0, 15)
+    posterior = fit_poses(poses)
+    assert any("too far apart to count" in text for text in posterior.fit.warnings)
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_a_slider_whose_hand_tilts_by_a_degree_and_a_half_is_no_door(seed):
+    """2.5 cm, the tilt grows along the way: a door of a metre's radius would turn so."""
+    rng = np.random.default_rng(seed)
+    s = np.linspace(0, 0.025, 150)
+    p = np.column_stack([s, np.zeros_like(s), np.zeros_like(s)])
+    p += 0.0003 * np.sin(np.pi * s / 0.025)[:, None] * rng.normal(size=3)
+    p += 1e-5 * rng.normal(size=p.shape)
+    tilt = np.radians(1.5) * s / s[-1]
+    R = np.array([gtsam.Rot3.Rz(a).matrix() for a in tilt])
+    assert fit_poses(PoseTrack(p, R)).kind != "revolute"
+
+
+def test_a_drawer_does_not_explain_a_turn_of_42_degrees_as_noise():
+    """A stapler: seven centimetres from the hinge, 3 mm of slow errors on a path of 5 cm."""
+    rng = np.random.default_rng(1)
+    q = np.linspace(0, np.radians(42), 120)
+    p = 0.07 * np.column_stack([np.cos(q), np.sin(q), 0 * q])
+    p += 0.003 * np.cos(3 * np.pi * q / q[-1])[:, None] * [0.6, 0.3, 0.7]
+    p += 2e-5 * rng.normal(size=p.shape)
+    R = np.array([gtsam.Rot3.Rz(a).matrix() for a in q])
+    posterior = fit_poses(PoseTrack(p, R))
+    assert posterior.kind in ("revolute", "undecided")
+    assert posterior.kind_probability["prismatic"] < 0.05
+
+
+@pytest.mark.parametrize("bend_m", [0.0, 0.0002])
+def test_a_vague_hinge_wins_nothing_by_its_volume(bend_m):
+    """Prior and volume together are what the prior allows; no bound is above half a turn."""
+    rng = np.random.default_rng(2)
+    s = np.linspace(0, 0.02, 100)
+    p = np.column_stack([s, bend_m * np.sin(np.pi * s / 0.02), 0 * s])
+    posterior = fit_poses(PoseTrack(p + 1e-5 * rng.normal(size=p.shape)))
+    hinge = posterior.alternatives["revolute"]
+    assert hinge.evidence.log_joint_prior + hinge.evidence.log_joint_volume < 1.0
+    assert hinge.joint.axis_bound_rad() < np.pi
+    assert posterior.kind != "revolute"
+
+
+def test_a_hinge_is_found_by_the_turn_of_its_marker_where_the_path_bends_too_little():
+    poses, axis, pivot, _ = _handle(11, "revolute", 0.25, 60, noise_m=0.003, noise_rad=0.003)
+    hinge = fit_poses(poses).alternatives["revolute"].joint
+    assert np.degrees(np.arccos(min(abs(hinge.axis @ axis), 1.0))) < 3.0
+    assert np.linalg.norm(np.cross(hinge.pivot - pivot, axis)) < 0.1
