@@ -140,6 +140,10 @@ def is_parametric(fit: KindFit, problem: FitProblem, as_one: float) -> bool:
     than the tracks (the surface: its readings, smoothed as they are, must not be off by more than
     a single raw reading may be), it decides. A few tracks that slip along edges contradict no
     joint.
+
+    What is smooth looks like correlated noise, of which little is independent: a chi-square test
+    of that little lets large misfits pass. So the misfit's mean square, less the noise that can be
+    seen without a joint, may also not exceed the systematic part in both directions across the way.
     """
     tracks = fit.tracks
     if problem.marker and any(said.explained is False for said in fit.said.values()):
@@ -156,7 +160,12 @@ def is_parametric(fit: KindFit, problem: FitProblem, as_one: float) -> bool:
     # Of three error components the states and latent points absorb a share: residuals shrink.
     independent = max(d2.size / as_one, 2.0) * 3 * tracks.freedom
     limit = stats.chi2.ppf(1 - problem.config.parametric_p_value, independent) / independent
-    return bool(d2.mean() / (tracks.freedom * _trimmed_chi2_mean(3.0)) <= limit)
+    share = tracks.freedom * _trimmed_chi2_mean(3.0)
+    if d2.mean() / share > limit:
+        return False
+    order = np.argsort(e2 / sigma2)[: d2.size]
+    seen_m2 = share * float((given * problem.local_scale**2)[order].mean())
+    return bool(e2[order].mean() - limit * seen_m2 <= 2 * systematic_m**2)
 
 
 def _trimmed_chi2_mean(freedom: float) -> float:

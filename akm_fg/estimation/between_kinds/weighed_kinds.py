@@ -92,7 +92,9 @@ def weighed(
     fits = nested_screw(levelled(with_vague_hinges(fits, problem), problem), problem)
     probability = kind_probabilities(fits, problem.config.prior)
     best = max(fits, key=lambda fit: probability[fit.kind])
-    parametric = is_parametric(best, problem, as_one)
+    possible = [f for f in fits if probability[f.kind] >= 1 - problem.config.undecided_below]
+    explains = {fit.kind: is_parametric(fit, problem, as_one) for fit in possible}
+    parametric = any(explains.values())
     warnings = warnings + left_out_warnings(problem) + turn_warnings(best, problem)
     warnings += [
         text
@@ -100,7 +102,8 @@ def weighed(
         for source in problem.sources
         for text in source.warnings(fit.kind, fit.q)
     ]
-    decided = parametric and probability[best.kind] >= problem.config.undecided_below
+    certain = probability[best.kind] >= problem.config.undecided_below
+    decided = certain and explains[best.kind]
     if problem.rows_left_out > problem.config.largest_share_left_out * len(problem.points.p_world):
         decided = False
     if best.kind == "rigid" and not rest_is_shown(fits, problem.config.prior):
