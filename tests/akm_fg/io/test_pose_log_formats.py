@@ -154,6 +154,19 @@ def test_a_tracker_that_turns_freely_is_no_sign_of_another_order(
     assert read_pose_log(_write(tmp_path, _text(rows))).notes == ()
 
 
+@pytest.mark.parametrize("axis", [0, 1, 2])
+def test_a_drawer_whose_marker_tilts_as_it_slides_is_no_sign_either(
+    tmp_path: Path, axis: int
+) -> None:
+    """By 2 deg in all: with a lever of ten metres some turn would explain any path."""
+    tilts = np.linspace(0, np.deg2rad(2), FRAMES)
+    quaternions = [gtsam.Rot3.Expmap(a * np.eye(3)[axis]).toQuaternion().coeffs() for a in tilts]
+    for slides in np.eye(3):
+        p_world = np.outer(np.linspace(0, 0.3, FRAMES), slides)
+        rows = np.hstack([p_world, np.array(quaternions)])
+        assert read_pose_log(_write(tmp_path, _text(rows))).notes == ()
+
+
 def test_stamps_count_from_the_first_and_must_grow(tmp_path: Path) -> None:
     tum = read_pose_log(_write(tmp_path, FORMATS["TUM"]()))
     np.testing.assert_allclose(tum.stamps_s, 0.1 * np.arange(FRAMES))
