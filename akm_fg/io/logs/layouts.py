@@ -23,6 +23,8 @@ NORM_TOLERANCE = 0.1  # of a quaternion's length; more than rounding to two digi
 ROTATION_TOLERANCE = 0.02  # of R^T R - I in a printed matrix
 STAMP_UNITS_S = ((1e17, 1e-9), (1e14, 1e-6), (1e11, 1e-3))
 """Stamps since 1970 are above the first number where they are in the second unit."""
+SINCE_1970 = 1e6  # in any unit; no position is as large
+EVEN = 0.02  # of the middle step between stamps, by which nine in ten differ
 NANOSECONDS_S = 1e-9
 
 
@@ -118,15 +120,14 @@ def _by_name(rows: Rows) -> Columns | None:
 
 def _by_number(path: object, rows: Rows) -> Columns:
     table, n = rows.table, rows.table.shape[1]
-    grows = bool(np.all(np.diff(table[:, 0]) > 0))
     match n:
         case 3:
             return Columns((0, 1, 2))
-        case 4 if grows:
+        case 4 if _ticks(table[:, 0]):
             return Columns((1, 2, 3), 0)
         case 7:
             return Columns((0, 1, 2), None, (3, 4, 5, 6))
-        case 8:
+        case 8 if not _is_rotation_before(table):
             euroc = rows.commas and _unit_of(table[:, 0]) == NANOSECONDS_S
             return Columns((1, 2, 3), 0, (4, 5, 6, 7), "wxyz" if euroc else "xyzw")
         case 12 | 16:
@@ -137,13 +138,30 @@ def _by_number(path: object, rows: Rows) -> Columns:
             return Columns((4, 8, 12), 0, matrix=1)
     looks = {
         2: "pixels, or a path in a plane",
-        4: "x y z and one number more",
+        4: "x y z and one number more, or stamps that do not tick evenly",
+        8: "x y z qx qy qz qw and one number more",
         6: "positions with decimal commas between commas, or position and three angles",
         9: "a rotation without a position",
         14: "positions and quaternions with decimal commas between commas",
     }
     hint = f", looks like {looks[n]}" if n in looks else ""
-    raise InputError(f"{path}, line {rows.lines[0]}", f"{n} column{'s' * (n != 1)}{hint}", ROW)
+    problem = f"{n} column{'s' * (n != 1)}{hint}"
+    raise InputError(f"{path}, line {rows.lines[0]}", problem, f"{ROW}, or names above")
+
+
+def _ticks(stamps: FloatArray) -> bool:
+    """Whether a column can only be time: since 1970, or as even as no motion is."""
+    steps = np.diff(stamps)
+    if not (steps > 0).all():
+        return False
+    low, middle, high = np.percentile(steps, (5, 50, 95))
+    return bool(stamps[0] > SINCE_1970 or high - low < EVEN * middle)
+
+
+def _is_rotation_before(table: FloatArray) -> bool:
+    """Whether eight columns hold a quaternion from the fourth on, and not after a stamp."""
+    lengths = np.linalg.norm(table[:, 3:7], axis=1)
+    return bool((np.abs(lengths - 1) < ROTATION_TOLERANCE).all())
 
 
 def _unit_of(stamps: FloatArray) -> float:

@@ -167,6 +167,29 @@ def test_a_drawer_whose_marker_tilts_as_it_slides_is_no_sign_either(
         assert read_pose_log(_write(tmp_path, _text(rows))).notes == ()
 
 
+def test_a_number_after_the_pose_is_no_stamp_before_it(tmp_path: Path) -> None:
+    """A confidence at the end: read as TUM, such rows would be another path altogether."""
+    for last in (0.0, 1.0, 0.93):
+        rows = np.hstack([POSES, np.full((FRAMES, 1), last)])
+        with pytest.raises(InputError, match="looks like x y z qx qy qz qw and one number more"):
+            read_pose_log(_write(tmp_path, _text(rows)))
+        with pytest.raises(InputError, match="looks like x y z and one number more"):
+            read_pose_log(_write(tmp_path, _text(np.delete(rows, [3, 4, 5, 6], axis=1))))
+    turned_round = np.hstack([P_WORLD[::-1], np.ones((FRAMES, 1))])  # x grows, unevenly
+    with pytest.raises(InputError, match="or stamps that do not tick evenly"):
+        read_pose_log(_write(tmp_path, _text(turned_round)))
+
+
+def test_positions_after_stamps_are_read_and_that_is_said(tmp_path: Path) -> None:
+    jitter_s = 0.03 * np.random.default_rng(0).random(FRAMES)
+    for stamps in (0.1 * np.arange(FRAMES), 1.7e9 + 0.1 * np.arange(FRAMES) + jitter_s):
+        rows = np.hstack([stamps[:, None], P_WORLD])
+        lines = [" ".join([f"{row[0]:.4f}", *(f"{x:.9g}" for x in row[1:])]) for row in rows]
+        track = read_pose_log(_write(tmp_path, "\n".join(lines)))
+        np.testing.assert_allclose(track.p_world, P_WORLD, atol=1e-8)
+        assert track.notes == ("four columns were read as stamp, x, y, z",)
+
+
 def test_stamps_count_from_the_first_and_must_grow(tmp_path: Path) -> None:
     tum = read_pose_log(_write(tmp_path, FORMATS["TUM"]()))
     np.testing.assert_allclose(tum.stamps_s, 0.1 * np.arange(FRAMES))
