@@ -31,11 +31,9 @@ def posterior_table(posteriors: Sequence[ArticulationPosterior], plain: bool = F
     table = Table(show_lines=len(posteriors) > 1)
     table.add_column("input", overflow="fold", min_width=6)
     table.add_column("kind\nprobability", no_wrap=True)
-    table.add_column(
-        text("axis, pivot [cm]\n± 95 % bounds"), justify="right", overflow="fold", min_width=22
-    )
+    table.add_column(text("axis, pivot [cm]\n± 95 % bounds"), justify="right", no_wrap=True)
     table.add_column(text("last state\n± 95 %"), justify="right", no_wrap=True)
-    table.add_column("tracks\n/ out", justify="right")
+    table.add_column("tracks\n/ out", justify="right", no_wrap=True)
     for name, posterior in zip(names, posteriors, strict=True):
         table.add_row(*(text(cell) for cell in (name, *_cells(posterior))))
     noted = [f"{n}: {note}" for n, p in zip(names, posteriors, strict=True) if (note := _notes(p))]

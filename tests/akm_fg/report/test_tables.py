@@ -49,11 +49,13 @@ def test_a_run_without_posterior_gives_an_empty_table(scenes):
     assert score_table(scenes.summary("revolute", posterior=None, rounds=())).row_count == 0
 
 
-def test_vectors_stay_on_one_line_in_eighty_columns_beside_long_names(scenes):
-    names = [f"/data/{'kitchen-' * 6}{i}/recording" for i in range(2)]
+@pytest.mark.parametrize("lengths", [(6, 6), (1, 1), (0, 1), (0, 2)])
+def test_vectors_stay_on_one_line_in_eighty_columns_beside_long_names(scenes, lengths):
+    names = [f"/data/{'kitchen-' * n}{i}/recording" for i, n in enumerate(lengths)]
     posteriors = [replace(scenes.posterior("revolute"), name=name) for name in names]
     text = show(posterior_table(posteriors), width=80)
-    assert max(map(len, text.splitlines())) <= 80
+    assert max(map(len, text.splitlines())) <= 80 and "…" not in text
+    assert all(line[-1] in "┓┃┩│┤┘" for line in text.splitlines() if line[0] in "┏┃┡│├└")
     assert text.count("(0.010, 0.000, 1.000)") == 2 or text.count(", 1.000)") == 2
     assert "/data" not in text  # what the names share
 
