@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from akm_fg.interfaces import ObjectSegmenter, PointTracker, SeenPixels
 from akm_fg.perception.depth.depth_noise import DepthNoiseModel
+from akm_fg.perception.depth.measured_noise import MeasuredNoiseConfig, measured_noise
 from akm_fg.perception.depth.object_mask import DepthObjectSegmenter, DepthSegmenterConfig
 from akm_fg.perception.depth.object_now import ObjectNowConfig, object_now
 from akm_fg.perception.kept_frames import KeptFrames, KeptFramesConfig
@@ -31,6 +32,7 @@ class ObserveConfig:
     """All tuning of the way from images to segmented tracks."""
 
     noise: DepthNoiseModel = field(default_factory=DepthNoiseModel)
+    measured_noise: MeasuredNoiseConfig = field(default_factory=MeasuredNoiseConfig)
     mask: DepthSegmenterConfig = field(default_factory=DepthSegmenterConfig)
     mask_later: ObjectNowConfig = field(default_factory=ObjectNowConfig)
     seeding: SeedingConfig = field(default_factory=SeedingConfig)
@@ -47,7 +49,8 @@ class MotionObserver:
     it. So a recording that is watched to its end and a stream that has got as far tell the same.
 
     Args:
-        config: tuning.
+        config: tuning; where the first frame shows that its depth is noisier than `noise` says,
+            what it shows takes its place.
         seed: of what is sampled.
         segmenter: finds the object in the first frame, if that comes without a mask.
         tracker: follows the points.
@@ -61,7 +64,7 @@ class MotionObserver:
         tracker: PointTracker | None = None,
     ) -> None:
         self.config = config = config or ObserveConfig()
-        self._segmenter = segmenter or DepthObjectSegmenter(config.mask, config.noise)
+        self._segmenter = segmenter
         self._session = (tracker or FlowTracker(config.tracker)).begin()
         self._schedule = SeedingSchedule(config.seeding)
         self._seed, self._rng = seed, np.random.default_rng(seed)
@@ -99,8 +102,12 @@ class MotionObserver:
             TracksLost: no object is seen in the first frame; the next one is the first again.
         """
         if self._mask is None:
-            mask = self._segmenter.segment(frame) if object_mask is None else object_mask
-            self._first, self._mask = frame, mask
+            noise = measured_noise(frame, self.config.noise, self.config.measured_noise)
+            if object_mask is None:
+                segmenter = self._segmenter or DepthObjectSegmenter(self.config.mask, noise)
+                object_mask = segmenter.segment(frame)
+            self._believe(noise)
+            self._first, self._mask = frame, object_mask
         pixels = self._session.advance(frame)
         if self._schedule.due(len(pixels.index)):
             pixels = self._seeded(frame, object_mask, pixels)
@@ -109,6 +116,13 @@ class MotionObserver:
         self.kept.add(frame, seen)
         self._hands.append(np.full(3, np.nan) if hand_world is None else hand_world)
         return seen
+
+    def _believe(self, noise: DepthNoiseModel) -> None:
+        """What the first frame shows; depth steps that count as edges grow with it."""
+        config = self.config
+        scale = noise.disparity_sigma_px / config.noise.disparity_sigma_px
+        seeding = replace(config.seeding, edge_m=scale * config.seeding.edge_m)
+        self.config = replace(config, noise=noise, seeding=seeding)
 
     def _seeded(
         self, frame: RgbdFrame, object_mask: BoolArray | None, pixels: SeenPixels

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 from numpy.typing import NDArray
 
 from akm_fg.errors import InsufficientData
 from akm_fg.perception.config import PerceptionConfig
+from akm_fg.perception.depth.depth_noise import DepthNoiseModel
 from akm_fg.perception.depth.other_view import stands_still
 from akm_fg.perception.rig.camera_motion import StillCamera
 from akm_fg.perception.rig.depth_against_colour import depth_unit_doubts, lag_doubts
@@ -24,7 +27,11 @@ class RigDoubts:
         self._still: StillCamera | None = None
 
     def of_input(
-        self, clip: Recording, numbers: NDArray[np.int_], object_mask: BoolArray
+        self,
+        clip: Recording,
+        numbers: NDArray[np.int_],
+        object_mask: BoolArray,
+        noise: DepthNoiseModel,
     ) -> list[Doubt]:
         """About what was put in, whatever the answer.
 
@@ -32,10 +39,14 @@ class RigDoubts:
             clip: the frames that are kept.
             numbers: of these, growing; the first is 0.
             object_mask: (H, W) in the first frame.
+            noise: of the depth, as it was found to be.
         """
-        rig, noise = self._config.rig, self._config.observe.noise
+        rig = self._config.rig
         if self._still is None:
-            self._still = StillCamera(clip.frames[0], object_mask, noise, rig.camera)
+            corners = rig.camera.corners
+            corners = replace(corners, edge_m=self._times_noisier(noise) * corners.edge_m)
+            config = replace(rig.camera, corners=corners)
+            self._still = StillCamera(clip.frames[0], object_mask, noise, config)
         motion = self._still.motion(dict(zip(numbers.tolist(), clip.frames, strict=True)))
         found = depth_unit_doubts(clip.frames[0], rig.depth)
         found += [] if motion is None else [motion.doubt()]
@@ -46,15 +57,55 @@ class RigDoubts:
         return found
 
     def of_answer(
-        self, clip: Recording, numbers: NDArray[np.int_], posterior: ArticulationPosterior
+        self,
+        clip: Recording,
+        numbers: NDArray[np.int_],
+        posterior: ArticulationPosterior,
+        noise: DepthNoiseModel,
     ) -> list[Doubt]:
-        """About an answer; as `of_input`, with the posterior over all frames."""
+        """About an answer; as `of_input`, with the posterior over all frames.
+
+        Args:
+            clip: the frames that are kept.
+            numbers: of these.
+            posterior: over all frames.
+            noise: of the depth, as it was found to be.
+        """
         rig, best = self._config.rig, posterior.best
         found = rig.camera.few_tracks(clip.frames, posterior.fit.tracks_used)
+        if posterior.fit.tracks_used < rig.least_tracks:
+            found += self._of_depth_alone(posterior, noise)
         if best.joint is None or best.states is None:
             return found
         q = best.states.mean[numbers]
         return found + motion_doubts(clip, best.joint.joint, q, rig.gripper)
+
+    def _times_noisier(self, noise: DepthNoiseModel) -> float:
+        """Than the settings assume."""
+        return noise.disparity_sigma_px / self._config.observe.noise.disparity_sigma_px
+
+    def _of_depth_alone(
+        self, posterior: ArticulationPosterior, noise: DepthNoiseModel
+    ) -> list[Doubt]:
+        """About an answer that rests on surfaces, and on next to no point that was followed."""
+        found = []
+        if posterior.kind == "helical":  # a plain door slides along its axis unseen
+            found.append(
+                Doubt(
+                    f"depth and {posterior.fit.tracks_used} points do not tell a screw from a "
+                    "hinge; expected texture on the part, or light"
+                )
+            )
+        scale = self._times_noisier(noise)
+        if scale > 1:
+            found.append(
+                Doubt(
+                    f"depth is {scale:.1f} times as noisy as assumed, and only "
+                    f"{posterior.fit.tracks_used} points could be followed; expected texture on "
+                    "the part, or light, or less noise"
+                )
+            )
+        return found
 
 
 def told_with(error: InsufficientData, doubts: list[Doubt]) -> InsufficientData:

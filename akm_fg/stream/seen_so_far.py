@@ -13,14 +13,14 @@ import gtsam
 import numpy as np
 from numpy.typing import NDArray
 
-from akm_fg.errors import InsufficientData, TracksLost
+from akm_fg.errors import AxisUnobservable, InsufficientData, TracksLost
 from akm_fg.estimation.fit import one_blas_thread
 from akm_fg.perception.observe import MotionObserver
 from akm_fg.perception.observed import ObservedMotion
 from akm_fg.perception.rig.depth_against_colour import depth_unit_doubts
 from akm_fg.perception.tracking.track_store import SeenPoints
 from akm_fg.posterior import doubted
-from akm_fg.records import BoolArray, Recording, RgbdFrame
+from akm_fg.records import BoolArray, Doubt, Recording, RgbdFrame
 from akm_fg.stages import JointEstimator, ModelSettings, RecordingFit, Sources, Stages
 from akm_fg.steps import Steps, to_end
 from akm_fg.stream.joint_estimate import JointEstimate, estimate_in_steps
@@ -98,11 +98,20 @@ class SeenSoFar:
         except TracksLost as error:
             doubts = depth_unit_doubts(frame, self.settings.perception.rig.depth)
             raise told_with(error, doubts) from error
+        if not self._hands:
+            self._take_measured_noise()
         self._hands.append(hand)
         if held:
             self._grasp = first, number
         self._watching_s += time.perf_counter() - began
         return seen
+
+    def _take_measured_noise(self) -> None:
+        """What the first frame shows of the depth's noise is believed by all that comes after."""
+        perception = self.settings.perception
+        observe = replace(perception.observe, noise=self._observer.config.noise)
+        perception = replace(perception, observe=observe)
+        self.settings = replace(self.settings, perception=perception)
 
     def estimate_in_steps(self, sources: Sources | None = None) -> Steps[JointEstimate]:
         """The joint from what was seen until the first step, over the frames that are kept.
@@ -134,22 +143,26 @@ class SeenSoFar:
             try:
                 fit = self._estimated() if given is None else self._given(given)
             except InsufficientData as error:
-                mask = self._observer.object_mask
-                raise told_with(
-                    error, self._rig.of_input(self._clip(), self.numbers, mask)
-                ) from error
+                raise told_with(error, self._doubts_of_input()) from error
+            except np.linalg.LinAlgError as error:
+                open_ = f"{self.name}: the data leave a joint or state open ({error})"
+                raise told_with(AxisUnobservable(open_), self._doubts_of_input()) from error
             fit = self._checked(fit)
         fit_s = time.perf_counter() - began
         watching_s = self._watching_s
         times = {"total": watching_s + fit_s, "perception": watching_s, "fit": fit_s}
         return replace(fit, posterior=replace(fit.posterior, time_s=times))
 
+    def _doubts_of_input(self) -> list[Doubt]:
+        seen, clip = self._observer, self._clip()
+        return self._rig.of_input(clip, self.numbers, seen.object_mask, seen.config.noise)
+
     def _checked(self, fit: RecordingFit) -> RecordingFit:
         """With what speaks against it."""
-        clip, numbers = self._clip(), self.numbers
-        doubts = self._rig.of_input(clip, numbers, fit.observed.object_mask)
-        doubts += self._rig.of_answer(clip, numbers, fit.posterior)
-        return replace(fit, posterior=doubted(fit.posterior, doubts))
+        noise, posterior = self._observer.config.noise, fit.posterior
+        doubts = self._doubts_of_input()
+        doubts += self._rig.of_answer(self._clip(), self.numbers, posterior, noise)
+        return replace(fit, posterior=doubted(posterior, doubts))
 
     def _estimated(self) -> RecordingFit:
         """By the default estimator; frames that are not kept get their states beside the graph."""

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from akm_fg.errors import NoMotionObserved, TracksLost
+from akm_fg.errors import AxisUnobservable, NoMotionObserved, TracksLost
 from akm_fg.io.posterior_json import posterior_as_dict
 from akm_fg.perception.config import PerceptionConfig
 from akm_fg.perception.observe import observe_motion
@@ -194,6 +194,15 @@ def test_the_same_frames_give_the_same_joint_in_any_world(name, seed, request):
     if level.pivot is not None:
         off = np.cross(T.transformTo(joint.pivot) - level.pivot, level.axis)
         assert np.linalg.norm(off) < 0.1 * level.pivot_sd_m
+
+
+def test_a_singular_matrix_is_one_line_and_no_traceback(door):
+    def singular(*_):
+        raise np.linalg.LinAlgError("Singular matrix")
+
+    stages = Stages(estimator=singular)
+    with pytest.raises(AxisUnobservable, match=r"the data leave a joint or state open \(Singular"):
+        fit_recording(door.recording, stages=stages)
 
 
 def test_a_part_that_is_not_on_what_was_taken_for_the_object_is_found(door):

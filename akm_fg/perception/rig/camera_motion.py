@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from akm_fg.perception.depth.depth_noise import DepthNoiseModel
-from akm_fg.perception.depth.depth_planes import PlaneSamples, depth_planes
+from akm_fg.perception.depth.depth_planes import DepthPlanesConfig, PlaneSamples, depth_planes
 from akm_fg.perception.depth.other_view import same_view, stands_still
 from akm_fg.perception.tracking.lifting import local_depth
 from akm_fg.perception.tracking.seeding import SeedingConfig, seed_points
@@ -133,7 +133,7 @@ class StillCamera:
         z = local_depth(first, self._uv, noise).depth_m
         self._uv, z = self._uv[np.isfinite(z)], z[np.isfinite(z)]
         self._p_cam = first.camera.back_project(self._uv, z)
-        self._planes: tuple[FloatArray, PlaneSamples] | None = None
+        self._planes: tuple[FloatArray, PlaneSamples, float] | None = None
         self._known: dict[int, CameraShift | None] = {}
 
     def _corners(self, mask: BoolArray) -> FloatArray:
@@ -193,7 +193,7 @@ class StillCamera:
         c, first = self._config, self._first
         if not same_view(first, frame):
             return None
-        uv, at = self._surroundings()
+        uv, at, independent = self._surroundings()
         u, v = uv.astype(int).T
         z = frame.depth_m[v, u].astype(np.float64)
         T = first.T_world_cam
@@ -211,19 +211,22 @@ class StillCamera:
             return None
         way = J[:, 0] @ fit.xi
         sd_m = np.einsum("ni,ij,nj->n", J[:, 0], fit.cov, J[:, 0]).mean() * len(e)
-        sd_m = np.sqrt(sd_m / min(len(e), c.independent))
+        sd_m = np.sqrt(sd_m / min(len(e), independent))
         sd_m = float(np.hypot(sd_m, c.depth_share * np.median(p[:, 2])))
         off_m = float(np.sqrt((way**2).mean()))
         return CameraShift(off_m, off_m > max(c.least_m, c.sigmas * sd_m))
 
-    def _surroundings(self) -> tuple[FloatArray, PlaneSamples]:
-        """Pixels (N, 2) beside the object with planes, and these."""
+    def _surroundings(self) -> tuple[FloatArray, PlaneSamples, float]:
+        """Pixels (N, 2) beside the object with planes, these, and how many err on their own."""
         if self._planes is None:
-            planes = depth_planes(self._first, self._noise, self._background)
+            shape = DepthPlanesConfig()
+            planes = depth_planes(self._first, self._noise, self._background, shape)
             v, u = np.nonzero(planes.valid)
             step = max(1, u.size // self._config.pixels)
             uv = np.stack([u, v], axis=-1)[::step].astype(np.float64)
-            self._planes = uv, planes.at(uv)
+            windows = u.size / (2 * shape.radius_px + 1) ** 2  # the first frame's own errors stay
+            independent = max(1.0, min(windows, self._config.independent))
+            self._planes = uv, planes.at(uv), independent
         return self._planes
 
 

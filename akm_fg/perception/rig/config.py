@@ -16,3 +16,4 @@ class RigConfig:
     camera: CameraMotionConfig = field(default_factory=CameraMotionConfig)
     depth: DepthAgainstColourConfig = field(default_factory=DepthAgainstColourConfig)
     gripper: GripperPlaceConfig = field(default_factory=GripperPlaceConfig)
+    least_tracks: int = 6  # of the part; with fewer the answer rests on depth alone
