@@ -20,3 +20,4 @@ class PerceptionConfig:
     following: FollowingConfig = field(default_factory=FollowingConfig)
     surface: SurfaceConfig = field(default_factory=SurfaceConfig)
     rig: RigConfig = field(default_factory=RigConfig)
+    least_explained: float = 0.5  # of what changed in depth, by an answer from depth alone

@@ -12,7 +12,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from akm_fg.errors import InsufficientData
-from akm_fg.estimation.between_kinds.weighed_kinds import FittedKinds, with_sampled_joints
+from akm_fg.estimation.between_kinds.weighed_kinds import (
+    FittedKinds,
+    silenced,
+    with_sampled_joints,
+)
 from akm_fg.estimation.config import FitConfig
 from akm_fg.estimation.fit import one_blas_thread, surface_in_steps, tracks_in_steps
 from akm_fg.estimation.given.surface_registration import SurfaceToRegister
@@ -199,7 +203,25 @@ def _by_change(
         settings.fit.camera_systematic_m,
         knowledge,
     )
+    share = _share_of_answer(change, fitted)
+    log.info("%s: the answer explains %.2f of the change", recording.name, share)
+    if not share >= perception.least_explained:
+        reason = (
+            f"only {0 if np.isnan(share) else 100 * share:.0f} % of what changed in depth is "
+            "where this joint puts the part; expected most of it"
+        )
+        fitted = replace(fitted, posterior=silenced(fitted.posterior, reason))
     return JointEstimate(observed, fitted, used[fitted.problem.members], False)
+
+
+def _share_of_answer(change: DepthMotion, fitted: FittedKinds) -> float:
+    """Of what changed, how much the most probable kind explains in the frames it has states of."""
+    best = fitted.posterior.best
+    if best.joint is None or best.states is None:
+        return float("nan")
+    known = np.isfinite(best.states.mean)
+    R, t = best.joint.joint.motion(np.where(known, best.states.mean, 0.0))
+    return explained_share(change.change, R, t, known)
 
 
 def knowledge_of(recording: Recording, observed: ObservedMotion, config: FitConfig) -> list[Given]:

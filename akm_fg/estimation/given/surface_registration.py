@@ -15,6 +15,8 @@ from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.sparse import csr_matrix
+from scipy.sparse.csgraph import connected_components
 
 from akm_fg.estimation.config import SurfaceConfig
 from akm_fg.estimation.given.motion_fit import fit_to_motions
@@ -32,6 +34,10 @@ from factors.measurements.dense_registration import (
 )
 from factors.motion_information import MotionInformation, motion_information
 
+_OPAQUE = 0.5  # more of the patches seen through than seen: the part is elsewhere
+_LEAST_SHARED = 0.1  # of the patches of the view with fewer: what ties two views
+_LEAST_PATCHES = 10  # at least
+
 
 class AssociatedPatches(Protocol):
     """Patches and where they were looked for."""
@@ -43,6 +49,10 @@ class AssociatedPatches(Protocol):
     @property
     def uv(self) -> FloatArray:
         """(K, S, 2) pixels."""
+
+    @property
+    def seen_through(self) -> FloatArray:
+        """(K,) share of the part's patches in whose place something farther is seen, or NaN."""
 
 
 class SurfaceViews(Protocol):
@@ -151,7 +161,9 @@ def register(
         gate_m = max(config.gate_sigmas * typical_m, config.least_gate_m)
         yield
     blind = np.asarray(~problem.tracks.observations.observed.any(axis=1))
-    blind[at[source.patches.seen.any(axis=1)]] = False
+    tracked = np.isin(at, np.flatnonzero(~blind))
+    shown = tied_views(source.patches.seen, tracked) & ~(seen.seen_through > _OPAQUE)
+    blind[at[shown]] = False
     if blind.any():  # a view that shows nothing of the part after all
         kept = np.flatnonzero(~blind)
         if kept.size < 2:
@@ -162,6 +174,25 @@ def register(
     tracks = replace(problem.tracks, first_scale=level, x_world=motions.x_world)
     problem = replace(problem, motions=motions).with_source(tracks).with_source(source)
     return problem, replace(first, guess=guess)
+
+
+def tied_views(seen: BoolArray, tracked: BoolArray) -> BoolArray:
+    """(K,) views that are tied to most others by patches that both see, or by tracks.
+
+    What ties to nothing may be anything that happens to lie where some state would put the part:
+    the hand, or what the part covered. A thin part that has passed edge-on shows its back, which
+    no other view knows.
+
+    Args:
+        seen: (K, S) patches.
+        tracked: (K,) views in whose frames tracks see the part: these tie to one another.
+    """
+    shared = seen.astype(int) @ seen.T.astype(int)
+    own = np.diag(shared)
+    enough = np.maximum(_LEAST_SHARED * np.minimum(own[:, None], own), _LEAST_PATCHES)
+    tied = (shared >= enough) | (tracked[:, None] & tracked)
+    _, label = connected_components(csr_matrix(tied), directed=False)
+    return np.asarray(label == np.bincount(label, own).argmax())
 
 
 def _about_surface(problem: FitProblem, cost: DenseCost) -> FitProblem:

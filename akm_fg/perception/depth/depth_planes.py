@@ -55,6 +55,7 @@ class DepthPlanes:
     slope_u: Image  # (H, W) d inverse depth / d u, 1/(m px)
     slope_v: Image  # (H, W)
     valid: BoolArray  # (H, W); elsewhere the other fields mean nothing
+    depth_m: NDArray[np.floating]  # (H, W) the readings themselves, in and outside of the mask
     camera: PinholeCamera
     T_world_cam: gtsam.Pose3
     noise: DepthNoiseModel
@@ -115,7 +116,7 @@ def depth_planes(
         z = frame.depth_m[box]
         known = np.asarray(np.isfinite(z) & (z > 0) & (True if mask is None else mask[box]))
         a[box], b[box], c[box], valid[box] = _fit(z, known, frame.camera, noise, config)
-    return DepthPlanes(a, b, c, valid, frame.camera, frame.T_world_cam, noise)
+    return DepthPlanes(a, b, c, valid, frame.depth_m, frame.camera, frame.T_world_cam, noise)
 
 
 def bounding_box(mask: BoolArray, margin_px: int) -> Box | None:

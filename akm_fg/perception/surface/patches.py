@@ -5,6 +5,10 @@ pose. Given the part's motions, a patch is projected into every keyframe; where 
 shows a plane there, of like normal and not far off, the point where the patch's ray meets that
 plane is an observation (projective association, Blais and Levine, 1995). What covers a patch (the
 robot, another part, the image's border) shows no plane of the part there: no observation.
+
+A surface has a side: seen normals face the camera, so that a patch which would show its back is
+seen nowhere. And it is opaque: where a frame shows what lies behind the patches of the first view,
+which should be in front of it, the part is not there (`Association.seen_through`).
 """
 
 from __future__ import annotations
@@ -17,7 +21,7 @@ from numpy.typing import NDArray
 
 from akm_fg.perception.depth.depth_planes import DepthPlanes
 from akm_fg.perception.surface.part_cloud import PartCloud, sample_cloud
-from akm_fg.records import FloatArray
+from akm_fg.records import BoolArray, FloatArray
 from factors.measurements.dense_registration import PatchObservations
 
 
@@ -30,6 +34,8 @@ class PatchConfig:
     max_normal_angle_rad: float = 0.35  # between a patch and the plane seen; normals are +-3 deg
     min_views: int = 2  # keyframes a patch must be seen in
     stride_px: int = 2  # of the pixels at which patches may be set
+    least_cosine: float = 0.26  # between ray and normal, 75 deg: turned farther, nothing is judged
+    least_judged: int = 30  # patches by which a frame is judged
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,6 +44,9 @@ class Association:
 
     patches: PatchObservations
     uv: FloatArray  # (K, S, 2) pixels where they were looked for
+    # (K,) share of the first view's patches, of those that face the camera and are not covered, in
+    # whose place something farther away is seen; NaN where too few are judged.
+    seen_through: FloatArray
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,6 +70,7 @@ class PatchViews:
         K, S = len(self.planes), x.shape[1]
         p_world, precision = np.zeros((K, 3, S)), np.zeros((K, S))
         normal, uv = np.zeros((3, S)), np.full((K, S, 2), np.nan)
+        farther = np.zeros((K, S), dtype=bool)
         least_cosine = np.cos(self.config.max_normal_angle_rad)
         for k, planes in enumerate(self.planes):
             moved = R_world[k] @ x + t_world[k][:, None]
@@ -71,9 +81,13 @@ class PatchViews:
             off = np.abs((expected * (at.p_world.T - moved)).sum(axis=0))
             good = (expected * at.normal_world.T).sum(axis=0) > least_cosine
             good &= off < gate_m
+            farther[k] = self._farther(k, uv[k], moved, expected, gate_m)
             p_world[k][:, good] = at.p_world[good].T
             precision[k, good] = at.sigma_normal_m[good] ** -2
             normal[:, good] += R_world[k].T @ at.normal_world[good].T
+        judged = ((precision > 0) | farther) & (precision[:1] > 0).any(axis=0)
+        count = judged.sum(axis=1)
+        share = (farther & judged).sum(axis=1) / np.maximum(count, 1)
         kept = (precision > 0).sum(axis=0) >= self.config.min_views
         normal = normal[:, kept]
         return Association(
@@ -83,7 +97,25 @@ class PatchViews:
                 normal / np.maximum(np.linalg.norm(normal, axis=0), 1e-12),
             ),
             uv[:, kept],
+            np.where(count >= self.config.least_judged, share, np.nan),
         )
+
+    def _farther(
+        self, k: int, uv: FloatArray, moved: FloatArray, normal: FloatArray, gate_m: float
+    ) -> BoolArray:
+        """(S,) patches (3, S) that face a view's camera, with something farther in their place."""
+        planes = self.planes[k]
+        rays = moved - planes.T_world_cam.translation()[:, None]
+        cosine = -(normal * rays).sum(axis=0) / np.linalg.norm(rays, axis=0)
+        camera = planes.camera
+        u, v = np.nan_to_num(uv, nan=-1.0).round().astype(int).T
+        inside = (u >= 0) & (v >= 0) & (u < camera.width) & (v < camera.height)
+        seen_m = np.where(inside, planes.depth_m[np.where(inside, v, 0), np.where(inside, u, 0)], 0)
+        expected_m = planes.T_world_cam.rotation().matrix()[:, 2] @ rays
+        off = (seen_m - expected_m) * cosine > gate_m + 3 * planes.noise.sigma_m(
+            expected_m, camera.fx
+        )
+        return np.asarray(inside & (cosine > self.config.least_cosine) & off)
 
     def _patches(self, R_world: FloatArray, t_world: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Points and normals (3, S) in the reference pose, one a cell."""

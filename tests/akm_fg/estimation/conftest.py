@@ -56,7 +56,7 @@ class Slab:
             np.array(precision)[:, kept],
             self.normal_world[:, kept],
         )
-        return Association(patches, np.array(uv)[:, kept])
+        return Association(patches, np.array(uv)[:, kept], np.full(len(uv), np.nan))
 
 
 @dataclass(frozen=True)
