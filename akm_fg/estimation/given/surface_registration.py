@@ -177,7 +177,7 @@ def register(
 
 
 def tied_views(seen: BoolArray, tracked: BoolArray) -> BoolArray:
-    """(K,) views that are tied to most others by patches that both see, or by tracks.
+    """(K,) views that are tied to the first, or to those with tracks, by patches that both see.
 
     What ties to nothing may be anything that happens to lie where some state would put the part:
     the hand, or what the part covered. A thin part that has passed edge-on shows its back, which
@@ -192,7 +192,8 @@ def tied_views(seen: BoolArray, tracked: BoolArray) -> BoolArray:
     enough = np.maximum(_LEAST_SHARED * np.minimum(own[:, None], own), _LEAST_PATCHES)
     tied = (shared >= enough) | (tracked[:, None] & tracked)
     _, label = connected_components(csr_matrix(tied), directed=False)
-    return np.asarray(label == np.bincount(label, own).argmax())
+    main = label[np.flatnonzero(tracked)[0]] if tracked.any() else label[0]
+    return np.asarray(label == main)
 
 
 def _about_surface(problem: FitProblem, cost: DenseCost) -> FitProblem:

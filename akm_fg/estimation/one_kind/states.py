@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 
 from akm_fg.estimation.config import FitConfig
 from akm_fg.estimation.one_kind.laplace import KindFit
+from akm_fg.geometry.rigid_motion import MIN_POINTS
 from akm_fg.records import FloatArray, PointTracks
 from factors.measurements.track_cost import TrackObservations
 from factors.measurements.track_information import state_step
@@ -18,7 +19,7 @@ _SETTLED = 1e-4  # squared step in units of the state's variance that is the las
 def states_of_all_frames(
     fit: KindFit, points: PointTracks, keyframes: NDArray[np.int_], config: FitConfig
 ) -> tuple[FloatArray, FloatArray]:
-    """States and standard deviations (T,) of all frames; NaN where nothing was seen.
+    """States and standard deviations (T,) of all frames; NaN where too little was seen.
 
     A frame outside the graph is solved for its state alone, joint and reference points held. Its
     variance is its own noise plus what joint and reference points add; the latter is a smooth
@@ -33,7 +34,9 @@ def states_of_all_frames(
     T = points.p_world.shape[0]
     mean, sd = np.full(T, np.nan), np.full(T, np.nan)
     mean[keyframes], sd[keyframes] = fit.q, fit.state_sd
-    seen = np.asarray(points.observed.any(axis=1))
+    # Two tracks that follow something else agree with each other in any state: nothing tells.
+    enough = min(MIN_POINTS, points.observed.shape[1])
+    seen = np.asarray(points.observed.sum(axis=1) >= max(enough, 1))
     seen[keyframes] = False
     others = np.flatnonzero(seen)
     if others.size == 0 or fit.joint is None:

@@ -206,3 +206,24 @@ def test_one_seed_sets_the_same_patches(seed):
     )
     np.testing.assert_array_equal(a.patches.p_world, b.patches.p_world)
     assert 100 < a.patches.precision.shape[1] <= 600
+
+
+def test_a_view_that_shows_what_lies_behind_the_part_sees_through_it():
+    """The second view's part is gone from its place but for a strip; the third is covered."""
+    front, behind = _depth(*FRONT), _depth(FRONT[0], FRONT[1] + 0.2)
+    strip = np.where(np.arange(CAMERA.width) < 40, front, behind)
+    before = _depth(FRONT[0], FRONT[1] - 0.2)
+    views = _views(_planes(front), _planes(strip), _planes(before), _planes(front))
+    seen_through = views.associate(*_motions(*[STILL] * 4), GATE_M).seen_through
+    assert seen_through[0] == seen_through[3] == 0
+    assert 0.6 < seen_through[1] < 0.9
+    assert np.isnan(seen_through[2])  # nothing of it can be judged
+
+
+def test_a_patch_that_would_show_its_back_is_seen_nowhere_and_judges_nothing():
+    over = gtsam.Pose3(gtsam.Rot3.Ry(np.pi), np.array([0.0, 0.0, 2.0]))
+    there = _planes(_depth(*FRONT))
+    views = _views(there, there, _planes(_depth(FRONT[0], FRONT[1] + 0.2)))
+    seen = views.associate(*_motions(STILL, STILL, over), GATE_M)
+    assert seen.patches.seen[0].all() and not seen.patches.seen[2].any()
+    assert np.isnan(seen.seen_through[2])
