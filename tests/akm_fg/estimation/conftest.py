@@ -65,6 +65,7 @@ class Association:
 
     patches: PatchObservations
     uv: np.ndarray
+    seen_through: np.ndarray
 
 
 @pytest.fixture(scope="session")
