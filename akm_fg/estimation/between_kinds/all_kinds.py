@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 from akm_fg.errors import AxisUnobservable
+from akm_fg.estimation.between_kinds.agreement import with_disagreement
 from akm_fg.estimation.between_kinds.starts import Start, starts_of_part
 from akm_fg.estimation.between_kinds.weighed_kinds import Correlation, FittedKinds, weighed
 from akm_fg.estimation.given.problem import FitProblem
@@ -46,8 +47,9 @@ def fit_in_steps(problem: FitProblem, began: float) -> Steps[FittedKinds]:
     )
     more, _ = yield from with_late_sources(problem, first)
     if more is not problem:
-        problem = more
+        problem, alone = more, fits
         fits, warnings = yield from fit_kinds(problem)
+        fits = with_disagreement(fits, alone, correlation.as_one, problem.centroid_world)
     return weighed(fits, problem, correlation, warnings, began)
 
 

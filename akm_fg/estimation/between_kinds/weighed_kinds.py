@@ -9,6 +9,7 @@ from typing import Any, cast
 import numpy as np
 from numpy.typing import NDArray
 
+from akm_fg.estimation.between_kinds.agreement import disagreement_warnings
 from akm_fg.estimation.between_kinds.evidence import (
     is_parametric,
     kind_probabilities,
@@ -96,6 +97,7 @@ def weighed(
     explains = {fit.kind: is_parametric(fit, problem, as_one) for fit in possible}
     parametric = any(explains.values())
     warnings = warnings + left_out_warnings(problem) + turn_warnings(best, problem)
+    warnings += disagreement_warnings(best)
     warnings += [
         text
         for fit in fits

@@ -38,6 +38,7 @@ class KindFit:
     judged: FloatArray  # (d, d) the information that the likelihoods count
     log_held: float  # log det of that on the states, all else held
     as_one: float = 1.0  # observations of the tracks that err together (in time and space)
+    disagreement: float = 1.0  # of its sources, on all variances: see `agreement`
     log_beyond: float = 0.0  # of the evidence, what Laplace's method misses of a vague joint
     log_nested: float = 0.0  # see `akm_fg.estimation.between_kinds.evidence.nested_screw`
 
@@ -162,7 +163,7 @@ class KindFit:
         for said in self.said.values():
             true += said.variance_ratio(as_one) * said.information
         inverse = inverted(self.joint.kind, information)
-        cov = inverse @ true @ inverse
+        cov = self.disagreement * (inverse @ true @ inverse)
         return replace(self, cov=(cov + cov.T) / 2, as_one=as_one)
 
     def pointing_forward(self) -> KindFit:
