@@ -36,6 +36,9 @@ class SurfaceStateConfig:
     least_share: float = 0.3  # of the patches that must be found: less is something else
     least_cosine: float = 0.2  # between ray and normal: 78 deg
     least_along: float = 0.05  # of the patches' way along their normals: with less it is open
+    longest_gap: int = 2  # frames beyond the last known state from which one is believed
+    steps_a_frame: float = 4.0  # of the path's usual step, that a part may go in a frame
+    sigmas: float = 5.0  # that a state may be off the path whatever the steps are
     dof: float = 4.0  # of the Student-t weights of readings: other surfaces are common
 
 
@@ -189,9 +192,49 @@ def with_surface_states(
     mean, sd = best.states.mean.copy(), best.states.sd.copy()
     known = np.flatnonzero(np.isfinite(mean))
     for number in sorted(set(frames) - set(known.tolist())):
-        start = float(np.interp(number, known, best.states.mean[known]))
+        told = np.flatnonzero(np.isfinite(mean))
+        start = float(np.interp(number, told, mean[told]))
         found = surface.state(frames[number], noise, start, config)
-        if found is not None:
+        if found is not None and _on_the_path(number, *found, mean, sd, config):
             mean[number], sd[number] = found
     kind = replace(best, states=replace(best.states, mean=mean, sd=sd))
     return replace(posterior, alternatives={**posterior.alternatives, fit.kind: kind})
+
+
+def _on_the_path(
+    number: int,
+    q: float,
+    q_sd: float,
+    mean: FloatArray,
+    sd: FloatArray,
+    config: SurfaceStateConfig,
+) -> bool:
+    """Whether a state lies where the part may have gone from the states beside it.
+
+    What looks like the part may be what it has left (the base of a laptop, the case of a box): a
+    state that jumps against the path, or follows on frames that nobody knows, is not believed.
+
+    Args:
+        number: of the frame.
+        q: its state.
+        q_sd: that state's standard deviation.
+        mean: (T,) states so far; NaN where not known.
+        sd: (T,) their standard deviations.
+        config: tuning.
+    """
+    told = np.flatnonzero(np.isfinite(mean))
+    steps = np.abs(np.diff(mean[told])) / np.diff(told)
+    usual = float(np.median(steps[steps > 0])) if (steps > 0).any() else 0.0
+    before, after = told[told < number], told[told > number]
+    sides = [side for side in (before[-1:], after[:1]) if side.size]
+    near = [int(side[0]) for side in sides]
+    gaps = [abs(number - k) for k in near]
+    if len(near) < 2 and min(gaps, default=0) > config.longest_gap:
+        return False
+    slack = [
+        max(config.steps_a_frame * usual * gap, config.sigmas * float(np.hypot(q_sd, sd[k])))
+        for k, gap in zip(near, gaps, strict=True)
+    ]
+    low = min(mean[k] - s for k, s in zip(near, slack, strict=True))
+    high = max(mean[k] + s for k, s in zip(near, slack, strict=True))
+    return bool(low <= q <= high)

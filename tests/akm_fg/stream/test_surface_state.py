@@ -15,7 +15,12 @@ from akm_fg.posterior import FitReport
 from akm_fg.stages import ModelSettings
 from akm_fg.steps import to_end
 from akm_fg.stream.joint_estimate import estimate_in_steps
-from akm_fg.stream.surface_state import HeldSurface, SurfaceStateConfig, with_surface_states
+from akm_fg.stream.surface_state import (
+    HeldSurface,
+    SurfaceStateConfig,
+    _on_the_path,
+    with_surface_states,
+)
 
 NOISE, CONFIG = DepthNoiseModel(), SurfaceStateConfig()
 
@@ -119,3 +124,24 @@ def test_without_a_surface_nothing_is_filled_in(door):
     posterior = fitted.posterior
     assert with_surface_states(posterior, fitted, {0: door.frames[0]}, NOISE) is posterior
     assert isinstance(posterior.fit, FitReport)
+
+
+NAN = np.nan
+
+
+@pytest.mark.parametrize(
+    ("mean", "number", "q", "believed"),
+    [
+        ([0.0, 0.1, 0.2, 0.3, NAN, NAN], 4, 0.4, True),
+        ([0.0, 0.1, 0.2, 0.3, NAN, NAN], 4, -0.2, False),  # back to where it came from, at once
+        ([0.0, 0.1, 0.2, 0.3, NAN, NAN, NAN], 6, 0.3, False),  # after frames that nobody knows
+        ([0.0, 0.1, NAN, NAN, NAN, NAN, 0.6], 3, 0.3, True),  # between what is known
+        ([0.0, 0.1, NAN, NAN, NAN, NAN, 0.6], 3, 2.0, False),
+        ([0.0, 0.0, 0.0, NAN], 3, 0.02, True),  # at rest: within its deviations
+        ([0.0, 0.0, 0.0, NAN], 3, 0.5, False),
+    ],
+)
+def test_a_state_is_believed_where_the_part_may_have_gone(mean, number, q, believed):
+    mean = np.array(mean)
+    sd = np.full(mean.size, 0.005)
+    assert _on_the_path(number, q, 0.005, mean, sd, SurfaceStateConfig()) is believed
