@@ -119,7 +119,9 @@ def fit_poses(
         answer = _sampled(fitted)
         if answer.kind in ("rigid", "undecided") or _moves_alike(answer, answer) > _BEYOND_DOUBT:
             return answer
-        doubted = to_end(fit_in_steps(problem_of_poses(name, poses, config.doubtful), began))
+        problem = problem_of_poses(name, poses, config.doubtful)
+        solved = [fit.guess for fit in fitted.fits if fit.joint is not None]
+        doubted = to_end(fit_in_steps(replace(problem, guesses=solved), began))
     p = _moves_alike(answer, doubted.posterior)
     if p >= config.undecided_below:
         return answer

@@ -27,7 +27,9 @@ from akm_fg.estimation.one_kind.laplace import KindFit
 from akm_fg.geometry.joint_guess import JointGuess
 
 _VAGUE = 0.15  # sd of the log distance beyond which the mode does not speak for the posterior
-_NARROW = 0.3  # share of the prior's spread that a node keeps for itself, log distance
+_NARROW = 0.4  # share of the prior's spread that a node keeps for itself, log distance
+_NEGLIGIBLE = 5.0  # nats behind the best node, beyond which those farther out do not count
+_ROUNDS = 2  # of the noise scale: neighbours have nearly the same
 _REACH = 3.5  # of the prior's standard deviations that the nodes cover
 
 
@@ -59,7 +61,7 @@ def _over_distances(fit: KindFit, problem: FitProblem) -> KindFit:
     _, here = nearest_origin(fit.moving, problem.centroid_world)
     first = int(np.argmin(np.abs(middle + between * nodes - math.log(here))))
     for way in (range(first, count), range(first - 1, -1, -1)):  # each from its neighbour
-        near = fit
+        near, most = fit, -np.inf
         for k in way:
             narrow = replace(
                 prior,
@@ -71,6 +73,9 @@ def _over_distances(fit: KindFit, problem: FitProblem) -> KindFit:
             except AxisUnobservable:
                 break
             log_evidence[k] = near.log_evidence
+            most = max(most, log_weights[k] + log_evidence[k])
+            if log_weights[k] + log_evidence[k] < most - _NEGLIGIBLE:
+                break
     terms = log_weights + log_evidence
     top = float(terms.max())
     if not math.isfinite(top):
@@ -84,5 +89,6 @@ def _at_distance(fit: KindFit, problem: FitProblem, prior: PriorConfig) -> KindF
     T[:3, 3] += (prior.hinge_distance_m - rho) * T[:3, 0]
     q = fit.q * rho / prior.hinge_distance_m
     there = JointGuess(replace(fit.moving, T_world_joint=T), q)
-    narrowed = replace(problem, config=replace(problem.config, prior=prior))
+    config = replace(problem.config, prior=prior, scale_iterations=_ROUNDS)
+    narrowed = replace(problem, config=config)
     return fit_kind(there, narrowed, effort="rough")
