@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from akm_fg.calibrated import calibrated
 from akm_fg.errors import InsufficientData, NoMotionObserved, TracksLost
 from akm_fg.estimation.config import FitConfig
 from akm_fg.estimation.fit import fit_poses
@@ -82,7 +83,11 @@ def _answer(
         seen.watch(frame, hand, mask)
         if watched is not None:
             watched(i, len(recording.frames))
-    return seen.answer()
+    fit = seen.answer()
+    if recording.calibration is None:
+        return fit
+    T_world_cam = recording.frames[0].T_world_cam
+    return replace(fit, posterior=calibrated(fit.posterior, recording.calibration, T_world_cam))
 
 
 @dataclass(frozen=True, slots=True)

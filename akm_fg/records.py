@@ -76,6 +76,32 @@ class RgbdFrame:
 
 
 @dataclass(frozen=True, slots=True)
+class CalibrationErrors:
+    """What is not known of a camera: Gaussian errors, the same in all frames of a recording.
+
+    The true place is T_world_cam Exp(eta), eta ~ N(0, cov_world_cam), rotation first; true focal
+    lengths are (1 + N(0, focal_sd^2)) times those given; a true depth is (1 + N(0, scale^2)) times
+    the one measured, plus N(0, bias^2).
+    """
+
+    cov_world_cam: FloatArray  # (6, 6) rad, m
+    focal_sd: float = 0.0  # relative
+    depth_scale_sd: float = 0.0  # relative
+    depth_bias_sd_m: float = 0.0
+
+    def __post_init__(self) -> None:
+        cov = self.cov_world_cam
+        _require(cov.shape == (6, 6), f"cov_world_cam {cov.shape}, expected (6, 6)")
+        _require(bool(np.isfinite(cov).all()), "cov_world_cam must be finite")
+        _require(np.allclose(cov, cov.T, rtol=1e-6, atol=0), "cov_world_cam must be symmetric")
+        least, most = np.linalg.eigvalsh(cov)[[0, -1]]
+        _require(least >= -1e-9 * max(float(most), 1e-300), "cov_world_cam must be no less than 0")
+        numbers = (self.focal_sd, self.depth_scale_sd, self.depth_bias_sd_m)
+        good = bool(np.isfinite(numbers).all()) and min(numbers) >= 0
+        _require(good, f"standard deviations {numbers} must be finite and no less than 0")
+
+
+@dataclass(frozen=True, slots=True)
 class Recording:
     """What one camera saw while a part was moved. Holds no truth: see JointTruth.
 
@@ -87,6 +113,7 @@ class Recording:
     object_masks: tuple[BoolArray, ...] | None = None  # (H, W) each, True on the object
     T_world_gripper: tuple[gtsam.Pose3, ...] | None = None  # one a frame
     grasp_frames: tuple[int, int] | None = None  # first and last frame in which the gripper holds
+    calibration: CalibrationErrors | None = None  # None: as sure as the camera's allowance says
 
     def __post_init__(self) -> None:
         n = len(self.frames)

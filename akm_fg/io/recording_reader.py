@@ -20,6 +20,7 @@ from akm_fg.io.png import read_depth_raw, read_mask, read_rgb
 from akm_fg.io.recording_depth import depth_from_raw
 from akm_fg.records import (
     BoolArray,
+    CalibrationErrors,
     FloatArray,
     JointTruth,
     KindName,
@@ -142,7 +143,23 @@ def read_recording(folder: Path, min_frames: int = 2, first_frames: int | None =
         held = grasp_frames[0], min(grasp_frames[1], take - 1)
         grasp_frames = held if held[0] <= held[1] else None
     name = folder.name or folder.resolve().name
-    return Recording(name, frames, masks, None if grips is None else grips[:take], grasp_frames)
+    held_in = None if grips is None else grips[:take]
+    return Recording(name, frames, masks, held_in, grasp_frames, _calibration(fields))
+
+
+def _calibration(fields: Fields) -> CalibrationErrors | None:
+    """What is not known of the camera, if the recording says so."""
+    if not fields.has("calibration"):
+        return None
+    names = ("focal_sd", "depth_scale_sd", "depth_bias_sd_m")
+    expected = "an object with cov_world_cam (6x6) and " + ", ".join(names)
+    table = fields.table("calibration", expected)
+    cov = table.array("cov_world_cam", (6, 6), "a symmetric 6x6, rotation first")
+    numbers = {name: table.number(name) for name in names if table.has(name)}
+    try:
+        return CalibrationErrors(cov, **numbers)
+    except ValueError as e:
+        raise InputError(fields.path, f"`calibration`: {e}", expected) from e
 
 
 def _read_images(

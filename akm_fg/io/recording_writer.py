@@ -7,7 +7,7 @@ interrupt leaves at most one image that the description does not list (the reade
 from __future__ import annotations
 
 import json
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
@@ -21,7 +21,14 @@ from akm_fg.io.json_fields import EXACT_TOLERANCE
 from akm_fg.io.png import replace_file, write_png
 from akm_fg.io.recording_depth import DEPTH_UNIT_M, depth_to_raw
 from akm_fg.io.recording_reader import SCHEMA, frame_file, truth_as_json
-from akm_fg.records import BoolArray, FloatArray, JointTruth, Recording, RgbdFrame
+from akm_fg.records import (
+    BoolArray,
+    CalibrationErrors,
+    FloatArray,
+    JointTruth,
+    Recording,
+    RgbdFrame,
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,6 +67,7 @@ class RecordingWriter:
         self._written: list[_Written] = []
         self._grasp_frames: tuple[int, int] | None = None
         self._truth: JointTruth | None = None
+        self._calibration: CalibrationErrors | None = None
         try:
             self._folder.mkdir(parents=True, exist_ok=True)
             if any(self._folder.iterdir()):
@@ -124,6 +132,11 @@ class RecordingWriter:
         self._grasp_frames = (int(first), int(last))
         self._describe()
 
+    def set_calibration(self, errors: CalibrationErrors) -> None:
+        """Say what is not known of the camera; after the first frame."""
+        self._calibration = errors
+        self._describe()
+
     def set_truth(self, truth: JointTruth) -> None:
         """Add the true joint, one state a frame.
 
@@ -183,6 +196,10 @@ class RecordingWriter:
             "grasp_frames": None if self._grasp_frames is None else list(self._grasp_frames),
             "truth": None if truth is None else truth_as_json(truth),
         }
+        if self._calibration is not None:
+            described = asdict(self._calibration)
+            described["cov_world_cam"] = self._calibration.cov_world_cam.tolist()
+            description["calibration"] = described
         text = json.dumps(description, allow_nan=False) + "\n"
         replace_file(self._folder / "recording.json", text.encode())
 
@@ -216,5 +233,7 @@ def write_recording(
             writer.add(frame, mask, None if grips is None else grips[i])
         if recording.grasp_frames is not None:
             writer.set_grasp_frames(*recording.grasp_frames)
+        if recording.calibration is not None:
+            writer.set_calibration(recording.calibration)
         if truth is not None:
             writer.set_truth(truth)

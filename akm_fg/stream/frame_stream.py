@@ -14,6 +14,7 @@ import numpy as np
 
 from akm_fg.errors import InsufficientData
 from akm_fg.estimation.between_kinds.weighed_kinds import FittedKinds
+from akm_fg.estimation.fit import one_blas_thread
 from akm_fg.estimation.sources.state_knowledge import StateKnowledge
 from akm_fg.estimation.stream.incremental import IncrementalFit
 from akm_fg.estimation.stream.kind_comparison import Compare, Comparison
@@ -53,6 +54,7 @@ class FrameStream:
         config: IncrementalConfig | None = None,
     ) -> None:
         settings = settings or ModelSettings()
+        one_blas_thread()  # looks through all libraries once: not in the first frame's time
         self._seen = SeenSoFar(name, settings, stages)
         self._thinking = IncrementalFit(
             name,
