@@ -6,6 +6,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 from akm_fg.errors import TracksLost
+from akm_fg.estimation.config import FitConfig
 from akm_fg.estimation.fit import fit_poses
 from akm_fg.records import PoseTrack
 
@@ -237,3 +238,38 @@ def test_a_smooth_path_two_centimetres_off_every_joint_is_none(seed):
 @pytest.mark.parametrize("seed", range(6))
 def test_a_door_with_systematic_errors_of_two_per_cent_is_a_joint(seed):
     assert fit_poses(_off_the_way(0.009 * np.sqrt(2), seed)).fit.parametric
+
+
+def test_a_kind_that_larger_systematic_errors_would_take_back_is_not_named():
+    """A bend of 1.1 cm in 29: a hinge at 2 % of errors, open at eight times as much."""
+    rng = np.random.default_rng(4)
+    q = np.linspace(0, 0.32, 60)
+    p = 0.9 * np.column_stack([np.cos(q), np.sin(q), 0 * q]) + 0.004 * rng.normal(size=(60, 3))
+    poses = PoseTrack(p)
+    trusting = fit_poses(poses, config=FitConfig(doubt=1.0))
+    assert trusting.kind == "revolute" and max(trusting.kind_probability.values()) < 0.9995
+    doubting = fit_poses(poses, config=FitConfig(doubt=8.0))
+    assert doubting.kind == "undecided"
+    assert any("8 times as large" in text for text in doubting.fit.warnings)
+    assert doubting.kind_probability == trusting.kind_probability
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_a_kind_that_is_sure_but_explains_the_path_badly_is_not_named(seed):
+    """Nearly a full turn: nothing but a hinge goes so, and this one is five centimetres off."""
+    rng = np.random.default_rng(seed)
+    q = np.linspace(0, 5.5, 150)
+    r = 0.5 + 0.05 * np.sin(5 * q + rng.uniform(0, 6))
+    p = np.column_stack([r * np.cos(q), r * np.sin(q), 0 * q]) + 0.001 * rng.normal(size=(150, 3))
+    posterior = fit_poses(PoseTrack(p))
+    assert posterior.kind_probability["revolute"] > 0.95
+    assert not posterior.fit.parametric
+    assert posterior.kind == "undecided"
+
+
+def test_orientations_without_noise_do_not_make_states_as_narrow_as_they_are_printed():
+    """What is judged by 1.5 degrees may not cost a state as if it were known to a microradian."""
+    poses, *_ = _handle(3, "revolute", 1.0, 30, noise_rad=0.0)
+    with_them = fit_poses(poses).alternatives["revolute"].evidence.log_states
+    without = fit_poses(PoseTrack(poses.p_world)).alternatives["revolute"].evidence.log_states
+    assert with_them > without - 2.0 * 29

@@ -288,3 +288,18 @@ def test_rest_is_named_only_where_a_centimetre_would_have_been_seen(sd_m, shown,
     drawer = replace(drawer, information=np.eye(drawer.information.shape[0]) / sd_m**2)
     rest = replace(drawer, joint=None)
     assert rest_is_shown([rest, drawer], PriorConfig()) is shown
+
+
+@pytest.mark.parametrize("kind", ["revolute", "prismatic"])
+def test_a_joint_that_nothing_is_known_of_is_worth_what_its_prior_is(door, kind):
+    """Prior density at the solution times the width is the prior's own integral: at most one."""
+    _, fits = door
+    fit = fits[kind]
+    k = len(fit.widest)
+    known = fit.prior_information
+    vague = replace(fit, judged=known + 1e-9 * (fit.judged - known))
+    of_states = np.linalg.slogdet(vague.judged[k:, k:])[1] - fit.log_held
+    occam = vague.evidence.log_joint_prior + vague.evidence.log_joint_volume + of_states / 2
+    assert occam < 0.01
+    sure = fit.evidence.log_joint_prior + fit.evidence.log_joint_volume
+    assert sure < occam - 5

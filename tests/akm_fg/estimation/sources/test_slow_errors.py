@@ -5,6 +5,8 @@ import pytest
 from numpy.testing import assert_allclose
 from scipy import stats
 
+from akm_fg.estimation.config import FitConfig
+from akm_fg.estimation.sources.orientations import OrientationContribution, OrientationSource
 from akm_fg.estimation.sources.slow_errors import SlowErrors, slow_correlations
 
 
@@ -59,3 +61,41 @@ def test_restricted_errors_are_those_of_the_frames():
     errors = _errors()
     some = np.array([0, 3, 7])
     assert_allclose(errors.restricted(some).alike, errors.alike[np.ix_(some, some)])
+
+
+def _said(residual_rad):
+    none = np.zeros((0, 0))
+    return OrientationContribution(
+        information=none,
+        held=np.zeros(0),
+        sigma_rad=0.01,
+        R_ref=np.eye(3),
+        residual_rad=residual_rad,
+    )
+
+
+def test_kinds_are_judged_at_one_level_that_the_best_of_them_leaves():
+    """Both kinds leave more than is known: the level grows, and the worse one is less far off."""
+    errors, rng = _errors(40), np.random.default_rng(2)
+    better = 0.08 * rng.normal(size=(40, 3)).clip(-1.5, 1.5)
+    worse = 1.3 * better
+    source = OrientationSource(np.tile(np.eye(3), (40, 1, 1)), errors, FitConfig())
+    one, two = source.levelled([_said(better), _said(worse)])
+    factor = errors.times(better)
+    assert factor > 2
+    assert_allclose(one.log_correlated, errors.wider(factor).log_likelihood(better))
+    assert_allclose(two.log_correlated, errors.wider(factor).log_likelihood(worse))
+    assert one.log_correlated - two.log_correlated == pytest.approx(0.5 * 117 * (1.3**2 - 1))
+    assert not one.explained  # more than three times what is known
+
+
+def test_what_even_the_best_kind_calls_an_outlier_tells_of_none():
+    errors, rng = _errors(40), np.random.default_rng(3)
+    e = 0.01 * rng.normal(size=(40, 3)).clip(-1.5, 1.5)
+    flipped = e.copy()
+    flipped[17] += [2.0, 0.0, 0.0]
+    source = OrientationSource(np.tile(np.eye(3), (40, 1, 1)), errors, FitConfig())
+    (said,) = source.levelled([_said(flipped)])
+    kept = np.delete(np.arange(40), 17)
+    assert said.explained
+    assert_allclose(said.log_correlated, errors.restricted(kept).log_likelihood(e[kept]))
