@@ -9,12 +9,13 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
+from akm_fg.calibrated import calibrated
 from akm_fg.errors import AxisUnobservable, NoMotionObserved, TracksLost
 from akm_fg.io.posterior_json import posterior_as_dict
 from akm_fg.perception.config import PerceptionConfig
 from akm_fg.perception.observe import observe_motion
 from akm_fg.pipeline import fit_input, fit_recording
-from akm_fg.records import PointTracks
+from akm_fg.records import CalibrationErrors, PointTracks
 from akm_fg.stages import ModelSettings, Stages
 from akm_fg.steps import to_end
 from akm_fg.stream.joint_estimate import better_than_tracks, estimate_joint
@@ -218,3 +219,15 @@ def test_a_part_that_is_not_on_what_was_taken_for_the_object_is_found(door):
         assert fit_recording(door.recording).posterior.kind == "revolute"
     with pytest.raises((NoMotionObserved, TracksLost)):  # who says where it is, is believed
         fit_recording(door.recording, stages=Stages(segmenter=Elsewhere()))
+
+
+def test_what_is_not_known_of_the_camera_is_in_the_posterior(fitted, door):
+    """A millimetre and a tenth of a degree: in the covariance, and in nothing else."""
+    errors = CalibrationErrors(np.diag([0.00175**2] * 3 + [1e-6] * 3))
+    perfect = fitted("both").posterior
+    posterior = fit_recording(replace(door.recording, calibration=errors)).posterior
+    T_world_cam = door.recording.frames[0].T_world_cam
+    want = calibrated(perfect, errors, T_world_cam).best.joint.cov
+    assert_allclose(posterior.best.joint.cov, want, rtol=1e-9, atol=1e-15)
+    assert posterior.best.joint.axis_sd_rad > 0.0017
+    assert posterior.kind_probability == perfect.kind_probability
