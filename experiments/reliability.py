@@ -149,6 +149,7 @@ def figure(rows: Sequence[TrialRow], file: Path) -> None:
             bar = [[100 * (right.value - right.low)], [100 * (right.high - right.value)]]
             ax.errorbar([x], [100 * right.value], yerr=bar, fmt="o", color=COLOURS["graph"])
     ax.set(xlabel="claimed probability of the most probable kind, %", ylabel="right, %")
+    ax.set(xlim=(40, 101), ylim=(40, 101))
     ax.legend(loc="lower right")
     save(canvas, file)
 

@@ -19,10 +19,11 @@ from akm_fg.perception.observe import MotionObserver
 from akm_fg.perception.observed import ObservedMotion
 from akm_fg.perception.rig.depth_against_colour import depth_unit_doubts
 from akm_fg.perception.tracking.track_store import SeenPoints
-from akm_fg.posterior import doubted
+from akm_fg.posterior import ArticulationPosterior, doubted
 from akm_fg.records import BoolArray, Doubt, Recording, RgbdFrame
 from akm_fg.stages import JointEstimator, ModelSettings, RecordingFit, Sources, Stages
 from akm_fg.steps import Steps, to_end
+from akm_fg.stream.gripper_state import with_gripper_states
 from akm_fg.stream.joint_estimate import JointEstimate, estimate_in_steps
 from akm_fg.stream.rig_doubts import RigDoubts, told_with
 from akm_fg.stream.surface_state import with_surface_states
@@ -176,7 +177,16 @@ class SeenSoFar:
         images = dict(zip(numbers.tolist(), self._observer.kept.frames, strict=True))
         noise = self.settings.perception.observe.noise
         posterior = with_surface_states(estimate.posterior(), estimate.fitted, images, noise)
-        return RecordingFit(estimate.observed, posterior)
+        return RecordingFit(estimate.observed, self._by_hand(posterior))
+
+    def _by_hand(self, posterior: ArticulationPosterior) -> ArticulationPosterior:
+        """With states of frames in which the part is hidden, where the gripper's poses are used."""
+        grasp = self.settings.fit.grasp
+        if grasp is None or self._grasp is None:
+            return posterior
+        held = range(self._grasp[0], self._grasp[1] + 1)
+        hands = {k: hand.T_world_gripper.translation() for k in held if (hand := self._hands[k])}
+        return with_gripper_states(posterior, hands, grasp)
 
     def _given(self, estimator: JointEstimator) -> RecordingFit:
         """By another estimator; frames that are not kept have no state."""
