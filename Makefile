@@ -66,9 +66,9 @@ experiments: $(READY) peer
 	$(BIN)/python -m experiments.kind_against_travel --method paper --runs 20
 	-$(BIN)/python -m experiments.rendered_recordings --suite furniture-116 --out runs/recordings
 	$(BIN)/python -m experiments.surface_gain --recordings runs/recordings
-	$(BIN)/python -m experiments.rig_errors --recordings runs/recordings
-	$(BIN)/python -m experiments.pose_logs --runs 20
-	$(BIN)/python -m experiments.reliability --runs 10000
+	$(BIN)/python -m experiments.claims.rig_errors --recordings runs/recordings
+	$(BIN)/python -m experiments.claims.pose_logs --runs 20
+	$(BIN)/python -m experiments.claims.reliability --runs 10000
 	$(BIN)/python -m experiments.report
 
 lock:

@@ -75,6 +75,7 @@ INNER = {
         {"rows"},
         {"trials"},
         {"pages"},
+        {"claims"},
     ],
 }
 ONLY_IN = {

@@ -230,7 +230,7 @@ def _until(path: Path, lines: int) -> None:
 def test_a_signal_leaves_whole_lines(good: Path, tmp_path: Path, how: signal.Signals) -> None:
     out = tmp_path / "out.jsonl"
     out.write_text("old\n" * 3)
-    inputs = [str(good)] * 400
+    inputs = [str(good)] * 4000
     process = subprocess.Popen(
         [*COMMAND, "fit", *inputs, "--json", str(out)],
         stdout=subprocess.DEVNULL,
@@ -245,12 +245,12 @@ def test_a_signal_leaves_whole_lines(good: Path, tmp_path: Path, how: signal.Sig
     process.send_signal(how)
     _, errors = process.communicate(timeout=60)
     lines = out.read_text().splitlines()
-    assert 2 <= len(lines) < 400
+    assert 2 <= len(lines) < 4000
     assert {json.loads(line)["input"] for line in lines} == {str(good)}
     assert not list(tmp_path.glob(".out*"))
     if how == signal.SIGINT:
         assert process.returncode == 130
-        assert f"{len(lines)} of 400 inputs done, kept in {out}" in errors
+        assert f"{len(lines)} of 4000 inputs done, kept in {out}" in errors
 
 
 def test_a_kind_that_is_not_sure_is_exit_code_1(

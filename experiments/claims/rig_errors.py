@@ -1,6 +1,6 @@
 """Do regions hold for a rig that is not perfect, and does its calibration's covariance make them?
 
-    python -m experiments.rig_errors --recordings runs/dev-recordings --first-seed 50000
+    python -m experiments.claims.rig_errors --recordings runs/dev-recordings --first-seed 50000
 
 Every recording of a folder (`experiments.rendered_recordings`) gets errors of its own, drawn by
 seed, that the estimator is not told: the camera stands elsewhere, its focal length and its depth

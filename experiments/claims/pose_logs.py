@@ -1,6 +1,6 @@
 """Are the kinds and the 95 % regions of pose logs true, whatever their noise?
 
-    python -m experiments.pose_logs --runs 20 --first-seed 30000
+    python -m experiments.claims.pose_logs --runs 20 --first-seed 30000
 
 A marker on a handle half a metre from the hinge, over a grid: a hinge or a drawer; short or long
 travel; 30 or 120 rows; 0.2, 1 and 5 mm; 0.05, 0.5 and 3 deg, or positions alone. Noise is white:

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from experiments.reliability import (
+from experiments.claims.reliability import (
     METHOD,
     ReliabilityConfig,
     figure,

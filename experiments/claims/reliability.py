@@ -1,6 +1,6 @@
 """Are the probabilities of kinds true: of answers at 95 %, are 95 in 100 right?
 
-    python -m experiments.reliability --runs 10000 --first-seed 40000
+    python -m experiments.claims.reliability --runs 10000 --first-seed 40000
 
 Openings drawn from the estimator's priors: kind (hinge and drawer 0.468 each, rest 0.06, screw
 0.004), travel log-uniform from a millimetre to half a metre; 4 to 80 tracks, 3 to 30 frames,

@@ -1,7 +1,7 @@
 """The grid of pose logs on its smallest configuration."""
 
-from experiments import pose_logs
-from experiments.pose_logs import CELLS, PoseLogsConfig, make_log, run, table
+from experiments.claims import pose_logs
+from experiments.claims.pose_logs import CELLS, PoseLogsConfig, make_log, run, table
 
 
 def test_a_log_is_that_of_its_cell():

@@ -1,0 +1,1 @@
+"""Whether what the estimator claims is true: probabilities, regions, other rigs."""
