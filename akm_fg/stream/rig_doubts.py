@@ -96,6 +96,15 @@ class RigDoubts:
                     "hinge; expected texture on the part, or light"
                 )
             )
+        patches, least = posterior.fit.patches_used, self._config.rig.least_patches
+        if posterior.kind != "rigid" and patches < least:
+            found.append(
+                Doubt(
+                    f"only {posterior.fit.tracks_used} points could be followed and {patches} "
+                    f"patches of surface found again; expected {self._config.rig.least_tracks} "
+                    f"points or {least} patches: texture, light, or a closer camera"
+                )
+            )
         scale = self._times_noisier(noise)
         if scale > 1:
             found.append(
