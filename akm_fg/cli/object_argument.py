@@ -86,6 +86,9 @@ def parse_object(text: str, joint: str | None = None) -> ObjectArgument:
         raise InputError("--object", f"{text!r} is not a usable path", WHAT) from error
     if not place or not found:
         raise InputError("--object", f"{text!r} is no suite's object, file or folder", WHAT)
+    if is_file and place.lower().endswith(".xacro"):
+        told = f"{text!r} is a xacro file"
+        raise InputError("--object", told, "a URDF: run `xacro FILE > object.urdf` first")
     if is_file and not place.lower().endswith(".urdf"):
         raise InputError("--object", f"{text!r} does not end in .urdf", WHAT)
     return ObjectArgument(text, joint, ours=False)

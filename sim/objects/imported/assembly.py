@@ -8,7 +8,7 @@ within the object the side on which it lies; else -x, as in PartNet-Mobility.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import gtsam
 import numpy as np
@@ -17,9 +17,12 @@ from akm_fg.errors import InputError
 from akm_fg.records import FloatArray
 from sim.objects.imported.closed_state import Opening, closed_states, moved, opening
 from sim.objects.imported.surfaces import Surface, surfaces_of
+from sim.objects.urdf.mesh_paths import shown_mesh
 from sim.objects.urdf.urdf_model import Joint, Link, Shape, UrdfModel
 
 SETS_OUT = 0.5  # cosine from which the way a part sets out names its front
+LARGE_M = 20.0  # no object is larger, and hardly a room
+SIZES_M = (1e-3, 1e4)  # what is smaller or larger is none at all
 THIN = 0.6  # of a panel's extent along its way
 FRONTS = {"+x": (1.0, 0.0), "-x": (-1.0, 0.0), "+y": (0.0, 1.0), "-y": (0.0, -1.0)}
 
@@ -38,6 +41,7 @@ class Assembly:
     opening: Opening  # as in the file
     size_m: FloatArray  # (3,)
     scale: float  # by which the file's lengths were multiplied
+    notes: tuple[str, ...]  # what of the file is probably not meant as it is written
 
 
 def assemble(
@@ -54,9 +58,9 @@ def assemble(
         front: which side of the file's frame is the front, one of FRONTS; None: see above.
 
     Raises:
-        InputError: nothing to be seen of the part.
+        InputError: nothing to be seen of the part, or no size that an object can have.
     """
-    seen = {link.name: _surfaces(link.visuals or link.collisions, model) for link in _links(model)}
+    seen = {link.name: _seen(link, model) for link in _links(model)}
     hard = {link.name: _collisions(link, seen[link.name], model) for link in _links(model)}
     points = {name: _points(found) for name, found in seen.items()}
     below = model.below(joint)
@@ -73,7 +77,9 @@ def assemble(
     way = _front(part, everything, axis, T_root_joint.translation(), joint.kind, opens.travel)
     T = _object_from_root(np.array(FRONTS[front]) if front else way, everything)
     size = np.ptp(moved(T, everything), axis=0)
-    factor = side_m / float(size.max()) if scale is None else scale
+    largest = float(size.max())
+    factor = side_m / max(largest, 1e-12) if scale is None else scale
+    notes = (*model.notes, *_empty_meshes(model, seen), *_size_notes(model, largest, factor))
     T_of = {name: T * T_root_link for name, T_root_link in poses.items()}
     return Assembly(
         corpus=_placed(seen, T_of, factor, set(seen) - below),
@@ -86,7 +92,40 @@ def assemble(
         opening=opens,
         size_m=size * factor,
         scale=factor,
+        notes=tuple(dict.fromkeys(notes)),
     )
+
+
+def _empty_meshes(model: UrdfModel, seen: dict[str, list[Surface]]) -> list[str]:
+    """A note for each visual mesh of which there is nothing to be seen."""
+    full = {surface.mesh_file for surfaces in seen.values() for surface in surfaces}
+    return [
+        f"mesh {shown_mesh(shape.mesh, model.path)!r} of link {link.name!r} is empty; left out"
+        for link in _links(model)
+        for shape in link.visuals
+        if shape.mesh is not None and shape.mesh not in full
+    ]
+
+
+def _size_notes(model: UrdfModel, largest: float, scale: float) -> list[str]:
+    """What is to be said of the size of an object.
+
+    Args:
+        model: the file.
+        largest: side of the whole object, the file's lengths.
+        scale: by which they are multiplied.
+
+    Raises:
+        InputError: nothing has such a size.
+    """
+    size_m = largest * scale
+    if not SIZES_M[0] <= size_m <= SIZES_M[1]:
+        wrong = f"the object's largest side is {size_m:.3g} m"
+        raise InputError(model.path, wrong, f"metres, {SIZES_M[0]:g} to {SIZES_M[1]:g}")
+    if size_m <= LARGE_M:
+        return []
+    told = f"the object's largest side is {size_m:.4g} m: probably millimetres"
+    return [f"{told}; write lengths in metres (meshes: scale='0.001 0.001 0.001')"]
 
 
 def _placed(
@@ -105,14 +144,20 @@ def _links(model: UrdfModel) -> list[Link]:
     return list(model.links.values())
 
 
-def _surfaces(shapes: tuple[Shape, ...], model: UrdfModel) -> list[Surface]:
-    return [surface for shape in shapes for surface in surfaces_of(shape, model.path)]
+def _surfaces(link: Link, shapes: tuple[Shape, ...], model: UrdfModel) -> list[Surface]:
+    found = [surface for shape in shapes for surface in surfaces_of(shape, model.path)]
+    return [replace(surface, link=link.name) for surface in found]
+
+
+def _seen(link: Link, model: UrdfModel) -> list[Surface]:
+    there = tuple(s for s in link.collisions if s.mesh is None or s.mesh.is_file())
+    return _surfaces(link, link.visuals or there, model)
 
 
 def _collisions(link: Link, seen: list[Surface], model: UrdfModel) -> list[Surface]:
     """The link's collision shapes; its visual ones where there are none, or a file is missing."""
     whole = all(shape.mesh is None or shape.mesh.is_file() for shape in link.collisions)
-    return _surfaces(link.collisions, model) if link.collisions and whole else seen
+    return (_surfaces(link, link.collisions, model) if whole else []) or seen
 
 
 def _points(surfaces: list[Surface]) -> FloatArray:

@@ -8,6 +8,7 @@ the part can be touched, not gripped.
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal
@@ -33,7 +34,9 @@ APART_M = 0.03  # gap between two handles
 EDGE_GRIP_M = 0.015  # from a board's free edge to the middle of the grip
 FINGER_DEEP_M, FINGER_LONG_M = 0.03, 0.05  # room for one behind a board, and along it
 FINGER_TIP_M = 0.01  # beyond the middle of the grip
-FAR_M = 10.0
+FAR_M = 1.0  # in front of the grip: the hand needs less, and a wall beyond hinders nobody
+FACE_BINS_MAX = 5000  # of the search for the front's face: 20 m
+HANDLE = re.compile(r"handle|knob|(?<![a-z])(pull(?![_ -]?out)|grip)s?(?![a-z])", re.IGNORECASE)
 R_BELOW = np.array([[1.0, 0, 0], [0, 1.0, 0], [0, 0, 1.0]])
 
 
@@ -66,7 +69,7 @@ def find_contact(
         near = everywhere[np.linalg.norm(everywhere - given, axis=1) < APART_M]
         points = near if len(near) else everywhere[[_nearest(everywhere, given)]]
         return _bar(points, everywhere, "given")
-    named = [s for s in part if any(word in s.name.lower() for word in ("handle", "knob"))]
+    named = _named(part)
     if named:
         return _bar(_one(_samples(_mesh(named))[0], hinge, pivot), everywhere, "handle")
     still = _mesh(corpus) if corpus else None
@@ -80,6 +83,13 @@ def find_contact(
         if contact.fits:
             return contact
     return _edge(everywhere, face_m, still, hinge)
+
+
+def _named(part: Sequence[Surface]) -> list[Surface]:
+    """What the file calls a handle: shapes, or else links, where other links are the board."""
+    shapes = [surface for surface in part if HANDLE.search(surface.name)]
+    links = [surface for surface in part if HANDLE.search(surface.link)]
+    return shapes or (links if len(links) < len(part) else [])
 
 
 def _mesh(surfaces: Sequence[Surface]) -> trimesh.Trimesh:
@@ -103,7 +113,8 @@ def _nearest(points: FloatArray, p: FloatArray) -> int:
 def _face(points: FloatArray) -> float:
     """Where along y the front's face lies: the foremost large area among `points` (N, 3)."""
     low, high = points[:, 1].min(), points[:, 1].max()
-    counts, edges = np.histogram(points[:, 1], bins=max(4, int((high - low) / 0.004)))
+    bins = min(max(4, int((high - low) / 0.004)), FACE_BINS_MAX)
+    counts, edges = np.histogram(points[:, 1], bins=bins)
     return float(edges[int((counts >= LARGE * counts.max()).argmax())])
 
 

@@ -6,7 +6,9 @@ object by its content, and stated here.
 
 from __future__ import annotations
 
+import functools
 import json
+import logging
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, Literal
@@ -23,6 +25,8 @@ from sim.objects.mechanisms import Catch, Closer
 from sim.objects.part_spec import Hinge, hinge_side
 from sim.objects.urdf.urdf_model import Joint, UrdfModel
 from sim.objects.urdf.urdf_reader import read_urdf
+
+LOG = logging.getLogger(__name__)
 
 BOARD_KG_M3 = 600.0  # chipboard
 BOARD_M = 0.018  # the part counts as a shell of board, or as solid where that is less
@@ -118,7 +122,7 @@ def import_spec(
         side_m: the largest side it shall have, where the options give no scale.
 
     Raises:
-        InputError: a broken file, a missing mesh, no such joint, or several and none chosen.
+        InputError: a broken file, no such joint, or several and none chosen.
     """
     model = read_urdf(urdf)
     joint = model.joint(options.joint)
@@ -134,7 +138,9 @@ def import_spec(
         fields = _found(found, model, joint, options, key)
         (folder / FOUND).write_text(json.dumps(fields, default=lambda a: a.tolist()))
 
-    folder = kept(f"found-{digest(code_digest(), content, said)}", make)
+    fields = _read_found(kept(f"found-{digest(code_digest(), content, said)}", make) / FOUND)
+    for note in fields.pop("notes"):
+        _say(urdf, note)
     return ImportedSpec(
         name=name,
         seed=seed,
@@ -145,8 +151,14 @@ def import_spec(
         content=content,
         joint=joint.name,
         front=options.front,
-        **_read_found(folder / FOUND),
+        **fields,
     )
+
+
+@functools.cache
+def _say(urdf: Path, note: str) -> None:
+    """Once a file and run, however many joints it has."""
+    LOG.warning("%s: %s", urdf, note)
 
 
 def _read_found(path: Path) -> dict[str, Any]:
@@ -176,6 +188,7 @@ def _found(
     # Forces at the grip as of furniture: friction 2 to 5 N, damping 3 to 10 N s/m.
     friction_n, damping_n_s_m, mu = (rng.uniform(*r) for r in ((2.0, 5.0), (3.0, 10.0), (0.7, 1.0)))
     return {
+        "notes": list(found.notes),
         "kind": "prismatic" if slides else "revolute",
         "hinge": hinge,
         "closed": found.opening.closed,

@@ -10,6 +10,7 @@ import gtsam
 import numpy as np
 import trimesh
 from trimesh.resolvers import FilePathResolver
+from trimesh.units import unit_conversion
 
 from akm_fg.errors import InputError
 from akm_fg.records import FloatArray
@@ -30,6 +31,8 @@ class Surface:
     rgb: tuple[float, float, float]  # 0..1
     uv: FloatArray | None = None  # (V, 2) texture coordinates, v up
     image: Rgb | None = None  # (H, W, 3)
+    link: str = ""  # to which the shape belongs in the URDF
+    mesh_file: Path | None = None  # from which it was read
 
     def moved(self, T_to_from: gtsam.Pose3) -> Surface:
         """The surface in another frame."""
@@ -46,7 +49,7 @@ class Surface:
 
 
 def surfaces_of(shape: Shape, urdf: Path) -> list[Surface]:
-    """The shape's triangles in its link's frame, m.
+    """The shape's triangles in its link's frame, m; none where its mesh is empty.
 
     Raises:
         InputError: the mesh file cannot be read.
@@ -69,6 +72,8 @@ class _Beside(FilePathResolver):
 def _load(shape: Shape, urdf: Path) -> list[trimesh.Trimesh]:
     assert shape.mesh is not None
     try:
+        if shape.mesh.stat().st_size == 0:
+            return []
         scene = trimesh.load_scene(shape.mesh, resolver=_Beside(str(shape.mesh)), process=False)
         meshes = [m for m in scene.dump() if isinstance(m, trimesh.Trimesh)]
     except Exception as error:  # trimesh raises whatever its parsers do
@@ -78,9 +83,19 @@ def _load(shape: Shape, urdf: Path) -> list[trimesh.Trimesh]:
             urdf, wrong, "OBJ, STL, DAE or another format that trimesh reads"
         ) from error
     meshes = [mesh for mesh in meshes if np.isfinite(mesh.vertices).all()]
-    if not sum(len(mesh.faces) for mesh in meshes):
-        raise InputError(urdf, f"mesh {shape.mesh} has no triangles", "some")
-    return meshes
+    unit_m = _unit_m(shape.mesh, scene)
+    return [mesh.apply_scale(unit_m) for mesh in meshes] if unit_m != 1.0 else meshes
+
+
+def _unit_m(mesh: Path, scene: trimesh.Scene) -> float:
+    """What a COLLADA file says its unit is, in metres; other formats have metres in a URDF."""
+    if mesh.suffix.lower() != ".dae" or not scene.units:
+        return 1.0
+    try:
+        unit_m = float(unit_conversion(scene.units, "meters"))
+    except (KeyError, ValueError):
+        return 1.0
+    return unit_m if 0.0 < unit_m < np.inf else 1.0
 
 
 def _primitive(shape: Shape) -> trimesh.Trimesh:
@@ -98,7 +113,13 @@ def _surface(shape: Shape, mesh: trimesh.Trimesh) -> Surface:
         faces = faces[:, ::-1]
     rgb, uv, image = _looks(mesh)
     return Surface(
-        shape.name, np.asarray(mesh.vertices) * scale, faces, rgb or shape.rgb or GREY, uv, image
+        shape.name,
+        np.asarray(mesh.vertices) * scale,
+        faces,
+        rgb or shape.rgb or GREY,
+        uv,
+        image,
+        mesh_file=shape.mesh,
     )
 
 

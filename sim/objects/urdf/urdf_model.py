@@ -70,6 +70,7 @@ class UrdfModel:
     root: str
     links: dict[str, Link]
     joints: tuple[Joint, ...]
+    notes: tuple[str, ...] = ()  # what is probably not meant as it is written; names no folder
 
     def movable(self) -> tuple[Joint, ...]:
         """Joints that can be freed."""

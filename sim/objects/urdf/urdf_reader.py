@@ -1,7 +1,8 @@
 """Reads URDF files.
 
-What is wrong is said in one line that names the file (`InputError`). Mesh files are looked up
-here, so that one that is missing is found before anything is built.
+What cannot be read is said in one line that names the file (`InputError`). What can be read, but
+is probably not meant so, is a note of the model: a mesh that is missing, a shape without size, a
+joint without axis, limits that look like degrees, a joint that should follow another.
 """
 
 from __future__ import annotations
@@ -17,16 +18,18 @@ import numpy as np
 
 from akm_fg.errors import InputError
 from akm_fg.records import FloatArray
+from sim.objects.urdf.mesh_paths import mesh_path, shown_mesh
 from sim.objects.urdf.urdf_model import KINDS, MOVABLE, Joint, Link, Shape, UrdfModel
 
-SHOWN = 60  # characters of a name that no file can have
+FULL_TURN_RAD = 2.0 * math.pi + 0.01  # a hinge's limit beyond it is hardly meant in radians
 
 
 def read_urdf(path: Path) -> UrdfModel:
     """Reads and checks a URDF file.
 
     Raises:
-        InputError: it is not there, not XML, not a tree of links, or misses a mesh.
+        InputError: it is not there, not XML, a xacro file, not a tree of links, or names a mesh
+            that lies elsewhere.
     """
     if not path.is_file():
         raise InputError(path, "no such file", "a URDF file")
@@ -36,12 +39,17 @@ def read_urdf(path: Path) -> UrdfModel:
         raise InputError(path, f"is not XML ({error})", "a URDF file") from error
     if robot.tag != "robot":
         raise InputError(path, f"its root is <{robot.tag}>", "<robot>, as a URDF has")
+    if any(
+        "xacro" in element.tag.partition("}")[0] for element in robot.iter() if "}" in element.tag
+    ):
+        raise InputError(path, "is a xacro file", "a URDF: run `xacro FILE > object.urdf` first")
     reader = _Reader(path, robot)
     links = {link.name: link for link in map(reader.link, robot.findall("link"))}
     if not links:
         raise InputError(path, "has no links", "at least two, with a joint between them")
     joints = tuple(reader.joint(element) for element in robot.findall("joint"))
-    return UrdfModel(path, _check_tree(path, links, joints), links, joints)
+    root = _check_tree(path, links, joints)
+    return UrdfModel(path, root, links, joints, tuple(dict.fromkeys(reader.notes)))
 
 
 def _check_tree(path: Path, links: dict[str, Link], joints: Sequence[Joint]) -> str:
@@ -75,6 +83,7 @@ class _Reader:
 
     def __init__(self, path: Path, robot: ET.Element) -> None:
         self._path = path
+        self.notes: list[str] = []  # what is probably not meant as it is written
         self._colours = {
             str(material.get("name")): rgb
             for material in robot.iter("material")
@@ -87,8 +96,8 @@ class _Reader:
         mass_kg = None if mass is None else self._number(mass, "value", 0.0, name)
         return Link(
             name,
-            tuple(self._shape(v, name, seen=True) for v in element.findall("visual")),
-            tuple(self._shape(c, name, seen=False) for c in element.findall("collision")),
+            self._shapes(element, "visual", name),
+            self._shapes(element, "collision", name),
             mass_kg if mass_kg is not None and mass_kg > 0.0 else None,
         )
 
@@ -111,7 +120,22 @@ class _Reader:
         )
         parent, child = (str(end.get("link")) for end in ends if end is not None)
         T = self._origin(element, name)
+        self._note_joint(element, name, kind, max(abs(lower), abs(upper)))
         return Joint(name, kind, parent, child, T, axis, lower, upper, friction, damping)
+
+    def _note_joint(self, element: ET.Element, name: str, kind: str, limit: float) -> None:
+        """What of a joint that moves is probably meant otherwise."""
+        if kind not in MOVABLE:
+            return
+        axis, mimic = element.find("axis"), element.find("mimic")
+        if axis is None or axis.get("xyz") is None:
+            self.notes.append(f"joint {name!r} names no axis; it is x then, as URDF has it")
+        if kind == "revolute" and limit > FULL_TURN_RAD:
+            told = f"joint {name!r} has limits of up to {limit:g} rad, more than a turn"
+            self.notes.append(f"{told}: probably degrees; write radians")
+        if mimic is not None:
+            told = f"joint {name!r} should follow {mimic.get('joint')!r} (mimic)"
+            self.notes.append(f"{told}; here one joint moves, and all others are fixed, closed")
 
     def _limits(self, element: ET.Element, name: str, kind: str) -> tuple[float, float]:
         """Both, sorted: files with the larger one as `lower` are common."""
@@ -128,7 +152,9 @@ class _Reader:
 
     def _axis(self, element: ET.Element, name: str) -> FloatArray:
         given = element.find("axis")
-        axis = np.array([1.0, 0, 0]) if given is None else self._numbers(given, "xyz", name)
+        if given is None or given.get("xyz") is None:
+            return np.array([1.0, 0, 0])
+        axis = self._numbers(given, "xyz", name)
         length = float(np.linalg.norm(axis))
         if length < 1e-9:
             if element.get("type") in MOVABLE:
@@ -136,7 +162,22 @@ class _Reader:
             return np.array([1.0, 0, 0])
         return axis / length
 
-    def _shape(self, element: ET.Element, link: str, seen: bool) -> Shape:
+    def _shapes(self, element: ET.Element, tag: str, link: str) -> tuple[Shape, ...]:
+        """Of a link; what has no size, and a visual mesh that is not there, is left out."""
+        shapes = [self._shape(found, link) for found in element.findall(tag)]
+        kept = []
+        for shape in shapes:
+            if shape.mesh is None and not shape.size.all():
+                told = f"link {link!r} has a {shape.kind} without size"
+            elif tag == "visual" and shape.mesh is not None and not shape.mesh.is_file():
+                told = f"mesh {shown_mesh(shape.mesh, self._path)!r} of link {link!r} is missing"
+            else:
+                kept.append(shape)
+                continue
+            self.notes.append(f"{told}; left out")
+        return tuple(kept)
+
+    def _shape(self, element: ET.Element, link: str) -> Shape:
         T = self._origin(element, link)
         name, rgb = str(element.get("name", "")), None
         material = element.find("material")
@@ -147,46 +188,24 @@ class _Reader:
             scale = np.ones(3)
             if mesh.get("scale"):
                 scale = self._numbers(mesh, "scale", link, sizes=(1, 3)) * scale
-            file = self._find(str(mesh.get("filename")), required=seen)
+            file = mesh_path(self._path, str(mesh.get("filename")))
             return Shape(name, T, "mesh", scale, file, rgb)
         for kind, keys in (("cylinder", "radius radius length"), ("sphere", "radius " * 3)):
             found = element.find(f"geometry/{kind}")
             if found is not None:
                 size = [self._number(found, key, None, link) or 0.0 for key in keys.split()]
-                return Shape(name, T, kind, self._positive(np.array(size), link), None, rgb)  # type: ignore[arg-type]
+                return Shape(name, T, kind, self._sound(np.array(size), link), None, rgb)  # type: ignore[arg-type]
         box = element.find("geometry/box")
         if box is None:
             wrong = f"link {link!r} has a shape that is not known"
             raise InputError(self._path, wrong, "mesh, box, cylinder or sphere")
-        size_m = self._positive(self._numbers(box, "size", link), link)
+        size_m = self._sound(self._numbers(box, "size", link), link)
         return Shape(name, T, "box", size_m, None, rgb)
 
-    def _find(self, filename: str, required: bool) -> Path:
-        """The mesh file: beside the URDF, or, for package://, somewhere above it."""
-        relative = filename.removeprefix("file://")
-        places = [self._path.parent / relative]
-        if filename.startswith("package://"):
-            inside = filename.removeprefix("package://")
-            after = inside.partition("/")[2]
-            places = [
-                folder / way
-                for folder in (self._path.parent, *self._path.resolve().parents)
-                for way in (inside, after)
-            ]
-        for place in places:
-            try:
-                if place.is_file():
-                    return place
-            except OSError as error:
-                wrong = f"mesh {filename[:SHOWN]} cannot be looked for ({error.strerror})"
-                raise InputError(self._path, wrong, "the name of a file") from error
-        if required:
-            raise InputError(self._path, f"mesh {filename} is missing", f"it at {places[0]}")
-        return places[0]
-
-    def _positive(self, size: FloatArray, link: str) -> FloatArray:
-        if not (size > 0.0).all():
-            raise InputError(self._path, f"link {link!r} has a shape without size", "sizes above 0")
+    def _sound(self, size: FloatArray, link: str) -> FloatArray:
+        if not (size >= 0.0).all():
+            wrong = f"link {link!r} has a shape of negative size"
+            raise InputError(self._path, wrong, "sizes above 0")
         return size
 
     def _origin(self, element: ET.Element, owner: str) -> gtsam.Pose3:

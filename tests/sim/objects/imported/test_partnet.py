@@ -7,6 +7,7 @@ from pathlib import Path
 import pytest
 
 from akm_fg.errors import InputError
+from sim.objects.imported import imported_spec
 from sim.objects.imported.imported_build import build_imported
 from sim.objects.imported.partnet import PartnetSuite
 from sim.objects.staging import find_spec
@@ -29,8 +30,8 @@ def test_the_seed_scales_a_folders_object_and_leaves_a_urdf_in_metres(
     assert find_spec(str(folder), 0).scale == specs[0].scale  # `partnet:` may be left out
 
 
-def test_a_missing_collision_mesh_is_replaced_and_a_missing_visual_one_refused(
-    mobility_object, tmp_path: Path
+def test_a_missing_collision_mesh_is_replaced_and_a_missing_or_empty_visual_one_said(
+    mobility_object, tmp_path: Path, caplog: pytest.LogCaptureFixture
 ):
     folder = mobility_object().write(tmp_path / "1")
     urdf = folder / "mobility.urdf"
@@ -41,18 +42,25 @@ def test_a_missing_collision_mesh_is_replaced_and_a_missing_visual_one_refused(
     out.mkdir()
     build_imported(spec, out)
     assert len(list(out.glob("part_hull_*.obj"))) == 4  # the board and the handle's three
-    (folder / "textured_objs" / "front-2.obj").unlink()
-    with pytest.raises(InputError, match=r"front-2\.obj is missing"):
-        find_spec(f"partnet:{folder}", 0)
+    assert not caplog.records
+    front = folder / "textured_objs" / "front-2.obj"
+    for content, told in ((None, "missing"), ("", "empty"), ("v 0 0 0\n", "empty")):
+        front.unlink() if content is None else front.write_text(content)
+        caplog.clear()
+        imported_spec._say.cache_clear()
+        for _ in range(2):  # found in the file, and from the cache: said once
+            part = find_spec(f"partnet:{folder}", 0)
+        (line,) = caplog.messages
+        assert line.startswith(str(urdf)) and f"front-2.obj' of link 'link_0' is {told}" in line
+        assert part.handle.style == "handle" and part.mass_kg < spec.mass_kg
 
 
 def test_a_mesh_that_cannot_be_read_gets_one_line(mobility_object, tmp_path: Path):
     folder = mobility_object().write(tmp_path / "1")
-    for content in ("v 1 2\nf 1 2 3\n", ""):
-        (folder / "textured_objs" / "front-2.obj").write_text(content)
-        with pytest.raises(InputError, match=r"front-2\.obj") as caught:
-            find_spec(f"partnet:{folder}", 0)
-        assert "\n" not in str(caught.value)
+    (folder / "textured_objs" / "front-2.obj").write_text("v 1 2\nf 1 2 3\n")
+    with pytest.raises(InputError, match=r"front-2\.obj") as caught:
+        find_spec(f"partnet:{folder}", 0)
+    assert "\n" not in str(caught.value)
 
 
 def test_a_suite_goes_on_without_its_broken_objects_and_says_so(
@@ -63,16 +71,17 @@ def test_a_suite_goes_on_without_its_broken_objects_and_says_so(
     mobility_object().write(tmp_path / "8")
     (tmp_path / "8" / "mobility.urdf").write_text("<robot")
     mobility_object().write(tmp_path / "9")
-    (tmp_path / "9" / "textured_objs" / "bar-3.obj").unlink()
+    moved = (tmp_path / "9" / "mobility.urdf").read_text().replace("textured_objs", "../8")
+    (tmp_path / "9" / "mobility.urdf").write_text(moved)
     mobility_object().write(tmp_path / "10")
-    (tmp_path / "10" / "textured_objs" / "bar-3.obj").write_text("")
+    (tmp_path / "10" / "textured_objs" / "bar-3.obj").write_text("v 1 2\nf 1 2 3\n")
     suite = PartnetSuite(tmp_path)
     specs, skipped = suite.sound(0)
     wanted = ["7", "12#joint_0", "12#joint_2"]
     assert [spec.name for spec in specs] == [f"partnet:{tmp_path}/{name}" for name in wanted]
     assert [spec.name for spec in suite] == [spec.name for spec in specs]
     assert len(skipped) == 3 == len(caplog.records)
-    assert "is not XML" in skipped[0].problem and "bar-3.obj is missing" in skipped[1].problem
+    assert "is not XML" in skipped[0].problem and "lies outside" in skipped[1].problem
     assert find_spec(specs[1].name, 0).joint == "joint_0"  # the listed name opens it
 
 

@@ -32,6 +32,7 @@ def write(folder: Path, body: str, tag: str = "robot") -> Path:
 
 
 MESH = '<visual><geometry><mesh filename="gone.obj"/></geometry></visual>'
+XACRO = "http://www.ros.org/wiki/xacro"
 BROKEN = {
     "is not XML": "<link",
     "has no links": "",
@@ -39,14 +40,15 @@ BROKEN = {
     "form a loop": LINKS + joint() + joint("k", ends="ba"),
     "hangs on several joints": LINKS + joint() + joint("k"),
     "links a, b have no parent": LINKS,
-    "mesh gone.obj is missing": f'<link name="a">{MESH}</link>',
+    "lies outside the object's folder": f'<link name="a">{MESH.replace("gone", "../gone")}</link>',
     "is of type 'bendy'": LINKS + joint(kind="bendy"),
     "has no <limit>": LINKS + joint().replace('<limit lower="0" upper="1"/>', ""),
     "has a zero axis": LINKS + joint(rest='<axis xyz="0 0 0"/>'),
     "expected 3 finite numbers": LINKS + joint(rest='<origin xyz="0 nan 0"/>'),
     "expected 1 finite number": LINKS + joint(rest='<limit lower="x" upper="1"/>'),
     "lacks a parent": LINKS + '<joint name="j" type="fixed"><child link="b"/></joint>',
-    "without size": LINKS.replace('<box size="1 1 1"/>', '<sphere radius="0"/>'),
+    "negative size": LINKS.replace('<box size="1 1 1"/>', '<sphere radius="-1"/>'),
+    "is a xacro file": LINKS + f'<x:arg xmlns:x="{XACRO}" name="n"/>',
     "shape that is not known": '<link name="a"><visual><geometry/></visual></link>',
     "has no name": "<link/>",
 }
@@ -62,6 +64,58 @@ def test_a_broken_file_gets_one_line_that_says_what_is_wrong(told: str, tmp_path
         read_urdf(path)
     line = str(caught.value)
     assert told in line and str(path) in line and "expected" in line and "\n" not in line
+
+
+HINGE = joint(rest='<limit lower="0" upper="90"/>')
+DOUBTFUL = {
+    "mesh 'gone.obj' of link 'a' is missing; left out": LINKS.replace(BOX, MESH, 1) + joint(),
+    "link 'a' has a box without size; left out": LINKS.replace("1 1 1", "0 0 0", 1) + joint(),
+    "joint 'j' names no axis; it is x then": LINKS + joint(rest="<axis/>"),
+    "has limits of up to 90 rad, more than a turn: probably degrees": LINKS + HINGE,
+    "joint 'j' should follow 'k' (mimic)": LINKS + joint(rest='<mimic joint="k"/>'),
+}
+
+
+@pytest.mark.parametrize("told", DOUBTFUL)
+def test_what_is_probably_not_meant_so_is_read_and_noted(told: str, tmp_path: Path):
+    model = read_urdf(write(tmp_path, DOUBTFUL[told]))
+    (note,) = model.notes
+    assert told in note and "\n" not in note and str(tmp_path) not in note
+    assert len(model.links["a"].visuals) == (0 if "left out" in told else 1)
+    assert model.joints[0].axis.tolist() == ([1, 0, 0] if "axis" in told else [0, 0, 1])
+    assert read_urdf(write(tmp_path, LINKS + joint())).notes == ()
+
+
+def test_a_slide_over_seven_metres_and_an_expanded_xacro_are_not_doubted(tmp_path: Path):
+    long = joint(kind="prismatic", rest='<limit lower="0" upper="7"/>')
+    path = write(tmp_path, LINKS + long)
+    path.write_text(path.read_text().replace("<robot", f'<robot xmlns:xacro="{XACRO}"'))
+    assert read_urdf(path).notes == ()
+
+
+@pytest.mark.parametrize("filename", ["/etc/m.stl", "package://p/../../m.stl", "link/m.stl"])
+def test_meshes_come_from_the_objects_folder_alone(filename: str, tmp_path: Path):
+    folder, outside = tmp_path / "object", tmp_path / "outside"
+    folder.mkdir()
+    outside.mkdir()
+    for place in (outside, tmp_path):
+        (place / "m.stl").write_text("solid m\nendsolid m\n")
+    (folder / "link").symlink_to(outside)
+    body = f'<link name="a">{MESH.replace("gone.obj", filename)}</link>'
+    path = write(folder, body)
+    with pytest.raises(InputError, match="lies outside the object's folder and packages"):
+        read_urdf(path)
+
+
+def test_a_package_around_the_file_gives_its_meshes(tmp_path: Path):
+    folder = tmp_path / "robots" / "one"
+    folder.mkdir(parents=True)
+    (tmp_path / "package.xml").touch()
+    (tmp_path / "m.stl").write_text("solid m\nendsolid m\n")
+    model = read_urdf(
+        write(folder, f'<link name="a">{MESH.replace("gone.obj", "../../m.stl")}</link>')
+    )
+    assert model.links["a"].visuals[0].mesh.samefile(tmp_path / "m.stl")
 
 
 @pytest.mark.parametrize("encoding", ["utf-7", "no-such-encoding"])
