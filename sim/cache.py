@@ -4,12 +4,14 @@
 temporary folder where there is no home.
 An entry is a folder that is made beside its place and renamed into it when it is whole: an
 interruption leaves no half entry, and of several processes that make the same one, the first
-wins. What nobody has used for a month goes when something new is made. The folder may be deleted
-at any time.
+wins. Who makes one holds a lock on its folder, so that what a killed process left is known, and
+removed when the next one is made. What nobody has used for a month goes then too. Entries name
+no place outside themselves; the folder may be deleted at any time.
 """
 
 from __future__ import annotations
 
+import fcntl
 import functools
 import hashlib
 import importlib.metadata
@@ -29,6 +31,7 @@ LOG = logging.getLogger(__name__)
 
 SCRATCH = ".making-"  # names of entries that are not whole yet begin so
 STALE_S = 24 * 3600.0  # what was not finished by then never will be
+YOUNG_S = 60.0  # so soon after it was made, a folder may not have its lock yet
 UNUSED_S = 30 * 24 * 3600.0  # an entry lives so long after its last use
 # Besides our own code, what decides what an object's files and its place look like.
 DEPENDENCIES = ("numpy", "scipy", "scene_synthesizer", "trimesh", "pin", "coacd", "gtsam")
@@ -59,6 +62,7 @@ def kept(name: str, make: Callable[[Path], None]) -> Path:
         return target
     _sweep(target.parent)
     scratch = Path(tempfile.mkdtemp(prefix=SCRATCH, dir=target.parent))
+    lock = _locked(scratch)
     try:
         make(scratch)
         scratch.rename(target)
@@ -67,7 +71,26 @@ def kept(name: str, make: Callable[[Path], None]) -> Path:
             raise
     finally:
         shutil.rmtree(scratch, ignore_errors=True)
+        if lock is not None:
+            os.close(lock)
     return target
+
+
+def _locked(folder: Path) -> int | None:
+    """A descriptor that locks the folder until it is closed, or its process ends.
+
+    None where another process holds the lock, or the file system has none.
+    """
+    try:
+        descriptor = os.open(folder, os.O_RDONLY)
+    except OSError:
+        return None
+    try:
+        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except OSError:
+        os.close(descriptor)
+        return None
+    return descriptor
 
 
 def digest(*parts: str | bytes) -> str:
@@ -113,10 +136,19 @@ def _used(entry: Path) -> bool:
 def _sweep(folder: Path) -> None:
     """Removes what killed processes left unfinished, and what has not been used for long."""
     for entry in folder.iterdir():
-        lives_s = STALE_S if entry.name.startswith(SCRATCH) else UNUSED_S
         try:
-            old = time.time() - entry.stat().st_mtime > lives_s
+            age_s = time.time() - entry.stat().st_mtime
         except OSError:  # it was renamed or removed meanwhile
             continue
-        if old:
+        if _is_dead(entry, age_s) if entry.name.startswith(SCRATCH) else age_s > UNUSED_S:
             shutil.rmtree(entry, ignore_errors=True)
+
+
+def _is_dead(scratch: Path, age_s: float) -> bool:
+    """Whether nobody works on an entry that is not whole."""
+    if age_s < YOUNG_S or age_s > STALE_S:
+        return age_s > STALE_S
+    lock = _locked(scratch)
+    if lock is not None:
+        os.close(lock)
+    return lock is not None

@@ -21,7 +21,7 @@ from sim.objects.obj_files import IntArray
 
 CELL_M = 0.006  # three or four pixels at one metre; averaged normals keep it round
 PALETTE = 16  # fields along a side of the palette texture: vertices in different ones stay apart
-VERSION = 1  # of what is written: a change here makes it anew
+VERSION = 2  # of what is written: a change here makes it anew
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,17 +39,19 @@ class Triangles:
 def light_panda_urdf(robot: ArmDescription) -> Path:
     """The robot's URDF with merged visual meshes, from the cache or made now (about a second).
 
-    It names the collision meshes where they lie, so a robot that lies elsewhere is made anew.
+    It holds the collision meshes too: an entry outlives the installation that it was made from.
     """
     text = robot.urdf.read_text(encoding="utf-8")
-    source = digest(str(robot.urdf), text)
+    meshes = sorted((robot.urdf.parent / "meshes").glob("*/*"))
+    source = digest(text, *(f"{path.name} {path.stat().st_size}" for path in meshes))
     name = f"panda-{VERSION}-{1e3 * CELL_M:.0f}mm-{source}"
     return kept(name, lambda folder: _write(folder, robot.urdf.parent, text)) / "panda.urdf"
 
 
 def _write(folder: Path, described: Path, text: str) -> None:
     meshes = described / "meshes"
-    text = text.replace("package://meshes/collision", (meshes / "collision").as_posix())
+    shutil.copytree(meshes / "collision", folder / "collision", copy_function=shutil.copyfile)
+    text = text.replace("package://meshes/collision", "collision")
     for source in sorted((meshes / "visual").glob("*.obj")):
         text = text.replace(f"package://meshes/visual/{source.name}", source.name)
         write_obj(folder / source.name, merged(read_obj(source), CELL_M))

@@ -5,6 +5,8 @@ from __future__ import annotations
 import os
 import pwd
 import shutil
+import subprocess
+import sys
 import tempfile
 import threading
 import time
@@ -20,6 +22,7 @@ from sim.cache import (
     SCRATCH,
     STALE_S,
     UNUSED_S,
+    YOUNG_S,
     cache_folder,
     code_digest,
     digest,
@@ -103,6 +106,26 @@ def test_what_killed_processes_left_is_removed_after_a_day(own_cache: Path):
     os.utime(old, (yesterday, yesterday))
     kept("entry", lambda folder: None)
     assert sorted(p.name for p in own_cache.iterdir()) == sorted([young.name, "entry"])
+
+
+def test_what_a_killed_process_left_goes_at_once_and_what_is_worked_on_stays(own_cache: Path):
+    code = (
+        "import os, time; from pathlib import Path; from sim.cache import kept\n"
+        "kept('half', lambda folder: (print(folder, flush=True), time.sleep(60.0)))"
+    )
+    command = [sys.executable, "-c", code]
+    workers = [subprocess.Popen(command, stdout=subprocess.PIPE, text=True) for _ in range(2)]
+    folders = [Path(worker.stdout.readline().strip()) for worker in workers]
+    workers[0].kill()
+    workers[0].wait()
+    a_while_ago = time.time() - YOUNG_S - 1.0
+    for folder in folders:
+        os.utime(folder, (a_while_ago, a_while_ago))
+    kept("entry", lambda folder: None)
+    there = [folder.is_dir() for folder in folders]
+    workers[1].kill()
+    workers[1].wait()
+    assert there == [False, True]
 
 
 def test_what_nobody_used_for_long_goes_and_what_is_used_stays(own_cache: Path):

@@ -34,7 +34,7 @@ def build_imported(spec: ImportedSpec, folder: Path) -> BuiltObject:
     still = _link("corpus", found.corpus, found.collision_corpus, np.zeros(3), CORPUS_KG, folder)
     moving = _link("part", found.part, found.collision_part, shift, spec.mass_kg, folder)
     part_joint = joint_element(spec, found.pivot, found.axis)
-    urdf = write_object(spec.name, still, moving, part_joint, folder)
+    urdf = write_object(f"{spec.family} {spec.joint}", still, moving, part_joint, folder)
     points = np.concatenate([surface.points for surface in found.part])
     middle = (points.min(axis=0) + points.max(axis=0)) / 2.0
     return BuiltObject(

@@ -43,6 +43,8 @@ def test_a_missing_collision_mesh_is_replaced_and_a_missing_or_empty_visual_one_
     build_imported(spec, out)
     assert len(list(out.glob("part_hull_*.obj"))) == 4  # the board and the handle's three
     assert not caplog.records
+    texts = [file.read_text() for file in out.glob("*.urdf")]
+    assert texts and not any(str(tmp_path) in text for text in texts)  # they are kept for others
     front = folder / "textured_objs" / "front-2.obj"
     for content, told in ((None, "missing"), ("", "empty"), ("v 0 0 0\n", "empty")):
         front.unlink() if content is None else front.write_text(content)
