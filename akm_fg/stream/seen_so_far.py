@@ -18,6 +18,7 @@ from akm_fg.estimation.fit import one_blas_thread
 from akm_fg.perception.observe import MotionObserver
 from akm_fg.perception.observed import ObservedMotion
 from akm_fg.perception.rig.depth_against_colour import depth_unit_doubts
+from akm_fg.perception.rig.unseen import unseen_doubts
 from akm_fg.perception.tracking.track_store import SeenPoints
 from akm_fg.posterior import ArticulationPosterior, doubted
 from akm_fg.records import BoolArray, Doubt, Recording, RgbdFrame
@@ -144,7 +145,8 @@ class SeenSoFar:
             try:
                 fit = self._estimated() if given is None else self._given(given)
             except InsufficientData as error:
-                raise told_with(error, self._doubts_of_input()) from error
+                doubts = [*self._doubts_of_input(), *self._unseen()]
+                raise told_with(error, doubts) from error
             except np.linalg.LinAlgError as error:
                 open_ = f"{self.name}: the data leave a joint or state open ({error})"
                 raise told_with(AxisUnobservable(open_), self._doubts_of_input()) from error
@@ -157,6 +159,11 @@ class SeenSoFar:
     def _doubts_of_input(self) -> list[Doubt]:
         seen, clip = self._observer, self._clip()
         return self._rig.of_input(clip, self.numbers, seen.object_mask, seen.config.noise)
+
+    def _unseen(self) -> list[Doubt]:
+        """Why nothing may have been found, if the camera does not see the object."""
+        share = self.settings.perception.rig.without_depth
+        return unseen_doubts(self._clip().frames, self._observer.object_mask, share)
 
     def _checked(self, fit: RecordingFit) -> RecordingFit:
         """With what speaks against it."""

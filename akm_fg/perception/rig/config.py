@@ -20,3 +20,4 @@ class RigConfig:
     # And then on so many patches of it at least: of household-dev's answers by depth alone those on
     # 115 to 249 patches were all off, on furniture-dev those on 2700 and more all right.
     least_patches: int = 300
+    without_depth: float = 0.2  # share of the object's place; furniture-dev has at most 0.14
