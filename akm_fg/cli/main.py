@@ -93,6 +93,8 @@ def _set_up_log() -> None:
     if level not in logging.getLevelNamesMapping():
         raise InputError("AKM_FG_LOG", f"is {level!r}", "DEBUG, INFO, WARNING or ERROR")
     logging.basicConfig(level=level, format="%(levelname)s %(message)s")
+    if level == "WARNING":  # progress of what takes long is told unless somebody wants less
+        logging.getLogger("akm_fg.progress").setLevel(logging.INFO)
     if level != "DEBUG":
         # Numbers that are not finite are told where they come out (docs/conventions.md).
         warnings.simplefilter("ignore", RuntimeWarning)

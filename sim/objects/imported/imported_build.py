@@ -13,7 +13,7 @@ import trimesh
 from akm_fg.records import FloatArray
 from sim.cache import digest
 from sim.objects.imported.assembly import assemble
-from sim.objects.imported.convex import convex_pieces
+from sim.objects.imported.collision_pieces import link_pieces
 from sim.objects.imported.imported_spec import ImportedSpec
 from sim.objects.imported.surfaces import Surface
 from sim.objects.meshes import inertia_of_solids
@@ -31,8 +31,13 @@ def build_imported(spec: ImportedSpec, folder: Path) -> BuiltObject:
     joint = model.joint(spec.joint)
     found = assemble(model, joint, spec.scale, 1.0, spec.front)
     shift = -found.pivot
-    still = _link("corpus", found.corpus, found.collision_corpus, np.zeros(3), CORPUS_KG, folder)
-    moving = _link("part", found.part, found.collision_part, shift, spec.mass_kg, folder)
+    grip = spec.handle.pose()
+    hard, hard_part = (
+        link_pieces(name, surfaces, grip)
+        for name, surfaces in (("corpus", found.collision_corpus), ("part", found.collision_part))
+    )
+    still = _link("corpus", found.corpus, hard, np.zeros(3), CORPUS_KG, folder)
+    moving = _link("part", found.part, hard_part, shift, spec.mass_kg, folder)
     part_joint = joint_element(spec, found.pivot, found.axis)
     urdf = write_object(f"{spec.family} {spec.joint}", still, moving, part_joint, folder)
     points = np.concatenate([surface.points for surface in found.part])
@@ -51,14 +56,13 @@ def build_imported(spec: ImportedSpec, folder: Path) -> BuiltObject:
 def _link(
     name: str,
     seen: Sequence[Surface],
-    hard: Sequence[Surface],
+    hard: Sequence[FloatArray],
     shift: FloatArray,
     mass_kg: float,
     folder: Path,
 ) -> ET.Element:
     """One body's element; its meshes go into `folder`, shifted into its frame."""
-    pieces = [p + shift for s in hard for p in convex_pieces(s.points, s.faces)]
-    hulls = [trimesh.convex.convex_hull(piece) for piece in pieces]
+    hulls = [trimesh.convex.convex_hull(piece + shift) for piece in hard]
     link = ET.Element("link", name=name)
     link.append(inertial_element(mass_kg, *inertia_of_hulls(hulls, mass_kg)))
     for i, group in enumerate(_by_looks(seen)):

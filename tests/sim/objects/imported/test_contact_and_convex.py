@@ -4,16 +4,20 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import gtsam
 import numpy as np
 import pytest
 import trimesh
 
+from sim.objects.imported import collision_pieces
+from sim.objects.imported.collision_pieces import link_pieces
 from sim.objects.imported.contact import EDGE_GRIP_M, find_contact
-from sim.objects.imported.convex import convex_pieces
+from sim.objects.imported.convex import COARSE, convex_pieces
 from sim.objects.imported.imported_build import inertia_of_hulls
 from sim.objects.imported.imported_spec import ImportOptions
 from sim.objects.imported.surfaces import Surface
 from sim.objects.staging import find_spec
+from sim.objects.suites.handles import R_LYING
 
 DOOR = {"kind": "revolute", "axis": "0 1 0", "origin": (-0.45, 0.0, 0.52), "limits": (-1.57, 0.0)}
 
@@ -41,6 +45,46 @@ def test_a_concave_mesh_is_decomposed_once_for_all_scales(own_cache: Path):
     larger = convex_pieces(3.0 * angle.vertices + 1.0, angle.faces)
     assert len(ran) == 1 and decomposed(own_cache) == ran
     np.testing.assert_allclose(larger[0], 3.0 * pieces[0] + 1.0, atol=1e-5)
+
+
+def test_only_what_the_hand_comes_near_is_decomposed_finely(own_cache: Path):
+    def arch(width: float, middle: tuple[float, float, float]) -> Surface:
+        """Two legs and a top, with room below."""
+        cut = trimesh.creation.box([0.8, 2.0, 1.6]).apply_translation([0.0, 0.0, -0.9])
+        mesh = trimesh.boolean.difference([trimesh.creation.box([1.0, 1.0, 2.0]), cut])
+        mesh.apply_scale(width).apply_translation(middle)
+        return Surface("arch", mesh.vertices, mesh.faces, (0.5, 0.5, 0.5))
+
+    def volumes(surface: Surface, grip: list[float]) -> float:
+        T = gtsam.Pose3(gtsam.Rot3(R_LYING), np.array(grip))
+        pieces = link_pieces("corpus", [surface], T)
+        volume = sum(trimesh.convex.convex_hull(piece).volume for piece in pieces)
+        return float(volume / surface.mesh().volume)
+
+    table, handle = arch(1.0, (0.0, 0.0, 0.0)), arch(0.1, (0.0, 0.0, 0.0))
+    assert volumes(table, [3.0, 0.0, 0.0]) > 1.15  # coarse, where nobody takes hold
+    below = np.array([[x, 0.0, z] for x in (-0.3, 0.0, 0.3) for z in (-0.9, -0.5, 0.0, 0.5)])
+    coarse = [
+        trimesh.convex.convex_hull(piece)
+        for piece in convex_pieces(table.points, table.faces, COARSE)
+    ]
+    filled = below[np.any([hull.contains(below) for hull in coarse], axis=0)]
+    assert len(filled)
+    for grip in filled.tolist():  # there the hand would stand within a piece
+        assert volumes(table, grip) == pytest.approx(1.0, abs=0.1)
+    assert volumes(handle, [0.0, 0.0, 0.08]) == pytest.approx(1.0, abs=0.1)
+    assert volumes(handle, [3.0, 0.0, 0.0]) > 1.15
+
+
+def test_a_long_decomposition_tells_how_far_it_is(
+    caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
+):
+    monkeypatch.setattr(collision_pieces, "EVERY_S", -1.0)
+    caplog.set_level("INFO", "akm_fg.progress")
+    box = trimesh.creation.box([1.0, 1.0, 1.0])
+    surface = Surface("box", box.vertices, box.faces, (0.5, 0.5, 0.5))
+    link_pieces("corpus", [surface, surface], gtsam.Pose3())
+    assert caplog.messages[-1] == "collision shapes of the corpus: 1 of 2 meshes"
 
 
 @pytest.mark.parametrize("flat", [True, False])
