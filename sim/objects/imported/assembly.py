@@ -65,7 +65,8 @@ def assemble(
     points = {name: _points(found) for name, found in seen.items()}
     below = model.below(joint)
     if not any(len(points[name]) for name in below):
-        wrong = f"joint {joint.name!r} moves nothing that can be seen"
+        why = "; ".join([*model.notes, *_empty_meshes(model, seen)])
+        wrong = f"joint {joint.name!r} moves nothing that can be seen{why and f' ({why})'}"
         raise InputError(model.path, wrong, "a link with a visual below it")
     opens = opening(model, joint, points)
     poses = model.T_root_links(closed_states(model, points))
@@ -79,7 +80,9 @@ def assemble(
     size = np.ptp(moved(T, everything), axis=0)
     largest = float(size.max())
     factor = side_m / max(largest, 1e-12) if scale is None else scale
+    travel = opens.travel * (factor if joint.kind == "prismatic" else 1.0)
     notes = (*model.notes, *_empty_meshes(model, seen), *_size_notes(model, largest, factor))
+    _check_part(model, joint, float(np.ptp(part, axis=0).max()) * factor, travel)
     T_of = {name: T * T_root_link for name, T_root_link in poses.items()}
     return Assembly(
         corpus=_placed(seen, T_of, factor, set(seen) - below),
@@ -88,12 +91,23 @@ def assemble(
         collision_part=_placed(hard, T_of, factor, below),
         axis=T.rotation().matrix() @ axis,
         pivot=T.transformFrom(T_root_joint.translation()) * factor,
-        travel=opens.travel * (factor if joint.kind == "prismatic" else 1.0),
+        travel=travel,
         opening=opens,
         size_m=size * factor,
         scale=factor,
         notes=tuple(dict.fromkeys(notes)),
     )
+
+
+def _check_part(model: UrdfModel, joint: Joint, side_m: float, travel: float) -> None:
+    """Raises InputError for a part without size, or a way (m or rad) that nothing goes."""
+    if not side_m >= SIZES_M[0]:
+        wrong = f"the largest side of what joint {joint.name!r} moves is {side_m:.3g} m"
+        raise InputError(model.path, wrong, f"{SIZES_M[0]:g} m or more")
+    if not travel <= SIZES_M[1]:
+        unit = "m" if joint.kind == "prismatic" else "rad"
+        wrong = f"joint {joint.name!r} goes over {travel:.3g} {unit}"
+        raise InputError(model.path, wrong, f"limits in metres or radians, up to {SIZES_M[1]:g}")
 
 
 def _empty_meshes(model: UrdfModel, seen: dict[str, list[Surface]]) -> list[str]:

@@ -126,3 +126,19 @@ def test_millimetres_are_said_and_absurd_sizes_refused(
         with pytest.raises(InputError, match=r"largest side is .* m; expected metres") as caught:
             find_spec(of_unit(unit), 0)
         assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("part", "upper", "told"),
+    [
+        (boxes([((0.0, 0.0, 0.0), (1e-6, 1e-6, 1e-6))]), 0.4, "what joint 's' moves is 1e-06 m"),
+        (boxes([BOARD]), 1e300, "joint 's' goes over 1e+300 m; expected limits in metres"),
+        (boxes([((0, 0, 0), (0, 0, 0))]), 0.4, "(link 'd' has a box without size; left out)"),
+    ],
+)
+def test_a_part_without_size_and_a_way_without_end_are_one_line(
+    part: str, upper: float, told: str, tmp_path: Path
+):
+    with pytest.raises(InputError) as caught:
+        find_spec(cabinet(tmp_path / "c.urdf", boxes(SIDES), part, upper), 0)
+    assert told in str(caught.value) and "\n" not in str(caught.value)
