@@ -237,6 +237,8 @@ def test_a_signal_leaves_whole_lines(good: Path, tmp_path: Path, how: signal.Sig
         stderr=subprocess.PIPE,
         cwd=ROOT,
         encoding="utf-8",
+        # A run in the background of a shell hands down that interrupts are ignored.
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.default_int_handler),
     )
     deadline = time.monotonic() + 60
     while out.read_text().startswith("old") and time.monotonic() < deadline:
