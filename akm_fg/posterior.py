@@ -176,6 +176,13 @@ class ArticulationPosterior:
         """The most probable kind's fit, also where the kind is undecided."""
         return self.alternatives[max(self.kind_probability, key=self.kind_probability.__getitem__)]
 
+    def with_states(self, mean: FloatArray, sd: FloatArray) -> ArticulationPosterior:
+        """With other states (T,) of the most probable kind, which moves, and their deviations."""
+        best = self.best
+        assert best.joint is not None and best.states is not None
+        kind = replace(best, states=replace(best.states, mean=mean, sd=sd))
+        return replace(self, alternatives={**self.alternatives, str(best.joint.kind): kind})
+
     def __repr__(self) -> str:
         words = "; ".join(self.summary().splitlines())
         return f"<{type(self).__name__} {words}>"

@@ -8,12 +8,11 @@ noise. A hand that is off the part's way by more has slipped, or lets go: it tel
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import replace
 
 import numpy as np
 
 from akm_fg.estimation.config import GraspConfig
-from akm_fg.posterior import ArticulationPosterior, StatePosterior
+from akm_fg.posterior import ArticulationPosterior
 from akm_fg.records import FloatArray
 from factors.joint import Joint
 
@@ -59,9 +58,7 @@ def with_gripper_states(
         if across <= limit_m:
             beside = float(np.interp(k, told, states.sd[told]))
             mean[k], sd[k] = q, float(np.hypot(noise, beside))
-    found = replace(best, states=StatePosterior(states.unit, mean, sd))
-    kind = str(best.joint.kind)
-    return replace(posterior, alternatives={**posterior.alternatives, kind: found})
+    return posterior.with_states(mean, sd)
 
 
 def _back(joint: Joint, q: float, p_world: FloatArray) -> FloatArray:

@@ -9,7 +9,7 @@ readings, from the last state and from places beside it: whichever start finds m
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -197,8 +197,7 @@ def with_surface_states(
         found = surface.state(frames[number], noise, start, config)
         if found is not None and _on_the_path(number, *found, mean, sd, config):
             mean[number], sd[number] = found
-    kind = replace(best, states=replace(best.states, mean=mean, sd=sd))
-    return replace(posterior, alternatives={**posterior.alternatives, fit.kind: kind})
+    return posterior.with_states(mean, sd)
 
 
 def _on_the_path(

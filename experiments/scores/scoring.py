@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import stats
 
+from akm_fg.geometry.lines import line_in_joint_frame
 from akm_fg.posterior import StatePosterior, normal_bound
 from akm_fg.records import FloatArray, JointTruth
 from akm_fg.report.score import (
@@ -105,22 +106,6 @@ def consistency_of(fit: JointFit, truth: JointTruth) -> Consistency:
         pivot_inside_bound=None if bound_m is None else bool(np.linalg.norm(xi[_PIVOT]) <= bound_m),
         states_inside95=share,
     )
-
-
-def line_in_joint_frame(
-    T_world_joint: FloatArray, axis: FloatArray, on_axis: FloatArray
-) -> FloatArray:
-    """Tangent (6,) that takes the joint's z axis to a line, gauge directions zero.
-
-    The line goes through `on_axis` (3,) along `axis` (3,), either sign, world. GTSAM order; to
-    first order in the angle, T_world_joint * Exp(xi) has the line as its z axis.
-    """
-    R = T_world_joint[:3, :3]
-    d, o = R.T @ axis, R.T @ (on_axis - T_world_joint[:3, 3])
-    d = d / d[2]
-    crossing = o - d * o[2]
-    d = d / np.linalg.norm(d)
-    return np.array([-d[1], d[0], 0.0, crossing[0], crossing[1], 0.0])
 
 
 def brier_score(kind_probability: dict[str, float], kind: str) -> float:

@@ -12,9 +12,9 @@ from typing import cast
 import gtsam
 import numpy as np
 
+from akm_fg.geometry.lines import line_in_joint_frame
 from akm_fg.posterior import ArticulationPosterior
 from akm_fg.records import BoolArray, FloatArray, JointTruth, KindName, PointTracks
-from experiments.scores.scoring import line_in_joint_frame
 from factors.joint import Joint, JointKind
 
 PANEL_M, SIGMA_M, DRIFT_M = 0.4, 0.003, 0.02

@@ -20,10 +20,10 @@ import numpy as np
 from scipy import stats
 from scipy.linalg import solve_triangular
 
-from akm_fg.estimation.given.motion_fit import nearest_origin
 from akm_fg.estimation.one_kind.joint_chart import JointChart
 from akm_fg.estimation.one_kind.laplace import KindFit
 from akm_fg.estimation.sources.tracks import TRACKS
+from akm_fg.geometry.lines import line_in_joint_frame
 from akm_fg.records import FloatArray
 from factors.joint import Joint
 
@@ -67,9 +67,9 @@ def disagreement_warnings(fit: KindFit) -> list[str]:
 
 def _ratio(together: KindFit, alone: KindFit, centroid_world: FloatArray) -> float:
     """Squared difference of two joints over its expectation; one where it may be chance."""
-    k = 4 if together.moving.kind.turns else 2
     here, cov_alone = _line(alone, centroid_world)
     _, cov = _line(together, centroid_world)
+    k = len(cov)
     root = np.linalg.cholesky(cov_alone + 1e-12 * np.trace(cov_alone) * np.eye(k))
     off = solve_triangular(root, line_apart(here, together.moving)[:k], lower=True)
     shared = solve_triangular(root, solve_triangular(root, cov, lower=True).T, lower=True)
@@ -83,12 +83,12 @@ def _line(fit: KindFit, centroid_world: FloatArray) -> tuple[Joint, FloatArray]:
 
     Over the two tilts and, of what turns, the two offsets (metres).
     """
-    joint = fit.moving
-    T, rho = nearest_origin(joint, centroid_world)
-    k = 4 if joint.kind.turns else 2
-    metres = np.array([1.0, 1.0, rho, rho])[:k]
-    cov = JointChart.at(joint, centroid_world).covariance(fit)[:k, :k]
-    return replace(joint, T_world_joint=T), cov * np.outer(metres, metres)
+    chart = JointChart.at(fit.moving, centroid_world)
+    T_world_joint, _ = chart.frame(np.zeros(chart.size))
+    k = len(fit.moving.kind.observable)
+    metres = np.array([1.0, 1.0, chart.distance, chart.distance])[:k]
+    cov = chart.covariance(fit)[:k, :k] * np.outer(metres, metres)
+    return replace(fit.moving, T_world_joint=T_world_joint), cov
 
 
 def line_apart(here: Joint, there: Joint) -> FloatArray:
@@ -96,8 +96,4 @@ def line_apart(here: Joint, there: Joint) -> FloatArray:
 
     Offsets are those of the lines where they cross the plane z = 0 of the first joint's frame.
     """
-    a = here.R_world_joint.T @ there.axis
-    a = a if a[2] >= 0 else -a
-    p = here.R_world_joint.T @ (there.origin - here.origin)
-    p = p - a * (p[2] / max(float(a[2]), 1e-3))
-    return np.array([-a[1], a[0], p[0], p[1]])
+    return line_in_joint_frame(here.T_world_joint, there.axis, there.origin)[[0, 1, 3, 4]]

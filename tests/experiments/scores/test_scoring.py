@@ -3,9 +3,10 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
+from akm_fg.geometry.lines import line_in_joint_frame
 from akm_fg.records import JointTruth
 from experiments.scores.answers import JointFit, Uncertainty
-from experiments.scores.scoring import brier_score, consistency_of, errors_of, line_in_joint_frame
+from experiments.scores.scoring import brier_score, consistency_of, errors_of
 
 T_EST = gtsam.Pose3(gtsam.Rot3.Expmap([0.3, -0.5, 0.8]), [0.2, 0.4, -0.1])
 XI = np.array([2e-4, -1e-4, 0.0, 0.003, -0.001, 0.0])
