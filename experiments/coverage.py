@@ -11,49 +11,25 @@ seconds. `experiments.report` puts the same tables and a figure into docs/experi
 from __future__ import annotations
 
 import argparse
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
 
+from experiments.pages.covered import (
+    NOTHING,
+    QUANTITIES,
+    flags_of,
+    inside_columns,
+    nees_of_joint,
+)
 from experiments.pages.figures import COLOURS, dots_with_bars, new_figure, rows_named, save
-from experiments.pages.tables import NoRows, grouped, markdown, of_method, percent
+from experiments.pages.tables import NoRows, grouped, markdown, of_method
 from experiments.rows.rows import TrialRow, read_rows
-from experiments.scores.statistics import mean_nees, share
+from experiments.scores.statistics import Estimate, mean_nees, share
 from experiments.trials.cells import CONDITIONS, NOISES_MM, POINTS, TRAVELS, Cell
 
 ASKED_PERCENT = (92.0, 98.0)  # coverage of tracks in clean and drifting cells (issue 3)
-NOTHING = "–"
-
-
-@dataclass(frozen=True, slots=True)
-class Quantity:
-    """Something with a claimed covariance."""
-
-    name: str
-    inside: Callable[[TrialRow], bool | None]
-    nees: Callable[[TrialRow], float | None]
-    colour: str
-
-
-QUANTITIES = (
-    Quantity(
-        "axis", lambda r: r.consistency.axis_inside95, lambda r: r.consistency.nees_axis, "graph"
-    ),
-    Quantity(
-        "pivot", lambda r: r.consistency.pivot_inside95, lambda r: r.consistency.nees_pivot, "paper"
-    ),
-    Quantity(
-        "joint", lambda r: r.consistency.joint_inside95, lambda r: r.consistency.nees_joint, "peer"
-    ),
-    Quantity(
-        "last state",
-        lambda r: r.consistency.last_state_inside95,
-        lambda r: r.consistency.nees_last_state,
-        "second",
-    ),
-)
 
 
 def tracks_table(rows: Sequence[TrialRow]) -> str:
@@ -114,7 +90,7 @@ def _figure(
     ax.axvspan(*asked, color="#eeeeee", lw=0, label="asked for")
     ax.axvline(95, color=COLOURS["bound"], lw=1)
     for k, quantity in enumerate(QUANTITIES):
-        known = [(i, _flags(some, quantity)) for i, (_, some) in enumerate(groups)]
+        known = [(i, flags_of(some, quantity)) for i, (_, some) in enumerate(groups)]
         known = [(i, flags) for i, flags in known if flags]
         y = [i + 0.18 * (k - 1.5) for i, _ in known]
         estimates = [share(flags) for _, flags in known]
@@ -140,22 +116,15 @@ def _line(rows: Sequence[TrialRow]) -> list[str]:
         str(len(rows)),
         _nees_of_joint(rows),
         _nees_of_state(rows),
-        *(percent(share(f)) if (f := _flags(rows, q)) else NOTHING for q in QUANTITIES),
+        *inside_columns(rows),
         f"{np.mean(brier):.3f}" if brier else NOTHING,
     ]
 
 
-def _flags(rows: Sequence[TrialRow], quantity: Quantity) -> list[bool]:
-    return [flag for row in rows if (flag := quantity.inside(row)) is not None]
-
-
 def _nees_of_joint(rows: Sequence[TrialRow]) -> str:
     """Mean over its degrees of freedom; doors and drawers may be pooled."""
-    known = [row.consistency for row in rows if row.consistency.nees_joint is not None]
-    if not known:
-        return NOTHING
-    total = sum(c.dof_joint or 0 for c in known)
-    return _with_band(sum(c.nees_joint or 0.0 for c in known), total)
+    mean = nees_of_joint(rows)
+    return NOTHING if mean is None else _band(mean)
 
 
 def _nees_of_state(rows: Sequence[TrialRow]) -> str:
@@ -164,7 +133,10 @@ def _nees_of_state(rows: Sequence[TrialRow]) -> str:
 
 
 def _with_band(total_nees: float, dof: int) -> str:
-    mean = mean_nees(total_nees, dof)
+    return _band(mean_nees(total_nees, dof))
+
+
+def _band(mean: Estimate) -> str:
     return f"{mean.value:.2f} ({mean.low:.2f} to {mean.high:.2f})"
 
 

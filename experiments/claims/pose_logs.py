@@ -22,6 +22,7 @@ import numpy as np
 from akm_fg.errors import AkmError
 from akm_fg.estimation.fit import fit_poses
 from akm_fg.records import JointTruth, PoseTrack
+from experiments.pages.covered import QUANTITIES, inside_columns
 from experiments.pages.tables import grouped, markdown, percent
 from experiments.rows.provenance import note_run
 from experiments.rows.rows import Key, TrialRow, fill, keys, read_rows, trial_row
@@ -123,19 +124,14 @@ def table(rows: list[TrialRow], name: str) -> str:
 
 
 def _lines(groups: list[tuple[str, list[TrialRow]]]) -> Iterator[list[str]]:
+    asked = [quantity for quantity in QUANTITIES if quantity.name != "joint"]
     for name, rows in groups:
-        told = [row.consistency for row in rows]
-        flags = (
-            [c.axis_inside95 for c in told if c.axis_inside95 is not None],
-            [c.pivot_inside95 for c in told if c.pivot_inside95 is not None],
-            [c.last_state_inside95 for c in told if c.last_state_inside95 is not None],
-        )
         yield [
             name,
             str(len(rows)),
             percent(share([row.kind_right for row in rows])),
             str(sum(row.confidently_wrong for row in rows)),
-            *(percent(share(some)) if some else "–" for some in flags),
+            *inside_columns(rows, asked),
         ]
 
 

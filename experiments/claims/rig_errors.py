@@ -28,11 +28,12 @@ from akm_fg.errors import AkmError
 from akm_fg.io.recording import read_recording, read_truth
 from akm_fg.pipeline import fit_recording
 from akm_fg.records import CalibrationErrors, Recording, RgbdFrame
+from experiments.pages.covered import NOTHING, inside_columns, nees_of_joint
 from experiments.pages.tables import NoRows, grouped, markdown, percent
 from experiments.rows.provenance import note_run
 from experiments.rows.rows import Key, TrialRow, fill, keys, read_rows, trial_row
 from experiments.scores.answers import answer_of_posterior, failed
-from experiments.scores.statistics import mean_nees, share
+from experiments.scores.statistics import share
 
 WITHOUT, WITH = "as if perfect", "with the calibration's covariance"
 PLACE_M, PLACE_RAD = 1e-3, np.radians(0.1)
@@ -115,22 +116,13 @@ def _lines(rows: Sequence[TrialRow]) -> Iterator[list[str]]:
         parts = [(method, some), *((f"{method}, {k}", r) for k, r in grouped(
             some, lambda row: row.kind_true).items())]  # fmt: skip
         for name, few in parts:
-            told = [row.consistency for row in few]
-            known = [c for c in told if c.nees_joint is not None]
-            dof = sum(c.dof_joint or 0 for c in known)
-            nees = mean_nees(sum(c.nees_joint or 0.0 for c in known), dof) if dof else None
-            flags = (
-                [c.axis_inside95 for c in told if c.axis_inside95 is not None],
-                [c.pivot_inside95 for c in told if c.pivot_inside95 is not None],
-                [c.joint_inside95 for c in told if c.joint_inside95 is not None],
-                [c.last_state_inside95 for c in told if c.last_state_inside95 is not None],
-            )
+            nees = nees_of_joint(few)
             yield [
                 name,
                 str(len(few)),
                 percent(share([row.kind_right for row in few])),
-                *(percent(share(each)) if each else "–" for each in flags),
-                "–" if nees is None else f"{nees.value:.2f}",
+                *inside_columns(few),
+                NOTHING if nees is None else f"{nees.value:.2f}",
             ]
 
 
