@@ -97,6 +97,13 @@ class BuiltObject:
         return self.spec.hinge == "bottom"
 
 
+def middle_of_front(points: FloatArray) -> FloatArray:
+    """Middle (3,) of the front of a closed part, of its points (N, 3) in the object's frame."""
+    low, high = points.min(axis=0), points.max(axis=0)
+    middle = (low + high) / 2.0
+    return np.array([middle[0], low[1], middle[2]])
+
+
 def hinge_side(hinge: Hinge | None) -> float:
     """+1 or -1: the side, along x, where the hinge stands; 0 where it lies, or there is none."""
     return {"left": -1.0, "right": 1.0}.get(hinge or "", 0.0)

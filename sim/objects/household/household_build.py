@@ -20,15 +20,20 @@ from sim.objects.household.household_spec import HouseholdSpec
 from sim.objects.household.shapes import Solid, shapes_of
 from sim.objects.meshes import UV_SHIFT, inertia_of_solids
 from sim.objects.obj_files import Patch, write_obj, write_solid
-from sim.objects.part_spec import BuiltObject
+from sim.objects.part_spec import BuiltObject, middle_of_front
 from sim.objects.placement import Placement
 from sim.objects.suites.finishes import plain, stone, veneer
 from sim.objects.suites.furniture_place import FurniturePlaceConfig, place_furniture
 from sim.objects.textures import TILE_M, Rgb, brushed_metal, painted, wood
-from sim.objects.urdf.urdf_files import CORPUS_KG, inertial_element, joint_element, write_object
+from sim.objects.urdf.urdf_files import (
+    CORPUS_KG,
+    INERTIA_MIN,
+    inertial_element,
+    joint_element,
+    write_object,
+)
 
 log = logging.getLogger(__name__)
-INERTIA_MIN = 1e-5  # kg m^2, of the smallest parts: keeps the solver sound
 DARK = 0.18  # of the usual brightness
 GLOSSY = "metal"  # in a mesh's name: see `sim.camera.materials`
 PLACES = 12  # poses that are tried for the arm, before it is left out of reach
@@ -46,14 +51,13 @@ def build_household(spec: HouseholdSpec, folder: Path) -> BuiltObject:
     joint = joint_element(spec, shapes.origin, shapes.axis)
     urdf = write_object(spec.name, still, moving, joint, folder)
     points = np.concatenate([solid.mesh.vertices for solid in shapes.part])
-    middle = (points.min(axis=0) + points.max(axis=0)) / 2.0
     return BuiltObject(
         spec=spec,
         urdf=urdf,
         axis_object=shapes.axis,
         pivot_object=shapes.origin,
         T_object_handle=_grip_pose(shapes.grip, shapes.approach),
-        p_object_front=np.array([middle[0], points[:, 1].min(), middle[2]]),
+        p_object_front=middle_of_front(points),
         handle_thickness_m=spec.handle.thickness_m,
     )
 

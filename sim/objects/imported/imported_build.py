@@ -18,11 +18,15 @@ from sim.objects.imported.imported_spec import ImportedSpec
 from sim.objects.imported.surfaces import Surface
 from sim.objects.meshes import inertia_of_solids
 from sim.objects.obj_files import IntArray, Patch, joined, write_obj, write_solid
-from sim.objects.part_spec import BuiltObject
-from sim.objects.urdf.urdf_files import CORPUS_KG, inertial_element, joint_element, write_object
+from sim.objects.part_spec import BuiltObject, middle_of_front
+from sim.objects.urdf.urdf_files import (
+    CORPUS_KG,
+    INERTIA_MIN,
+    inertial_element,
+    joint_element,
+    write_object,
+)
 from sim.objects.urdf.urdf_reader import read_urdf
-
-INERTIA_MIN = 1e-5  # kg m^2, of the smallest parts: keeps the solver sound
 
 
 def build_imported(spec: ImportedSpec, folder: Path) -> BuiltObject:
@@ -41,14 +45,13 @@ def build_imported(spec: ImportedSpec, folder: Path) -> BuiltObject:
     part_joint = joint_element(spec, found.pivot, found.axis)
     urdf = write_object(f"{spec.family} {spec.joint}", still, moving, part_joint, folder)
     points = np.concatenate([surface.points for surface in found.part])
-    middle = (points.min(axis=0) + points.max(axis=0)) / 2.0
     return BuiltObject(
         spec=spec,
         urdf=urdf,
         axis_object=found.axis,
         pivot_object=found.pivot,
         T_object_handle=spec.handle.pose(),
-        p_object_front=np.array([middle[0], points[:, 1].min(), middle[2]]),
+        p_object_front=middle_of_front(points),
         handle_thickness_m=spec.handle.thickness_m,
     )
 

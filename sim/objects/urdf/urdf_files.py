@@ -13,6 +13,7 @@ from sim.objects.meshes import Box, inertia_of_boxes, write_textured_boxes
 
 PART_JOINT = "part_joint"
 CORPUS_KG = 25.0  # stands fixed: its mass plays no part
+INERTIA_MIN = 1e-5  # kg m^2, of the smallest parts: keeps the solver sound
 
 
 class JointSpec(Protocol):
