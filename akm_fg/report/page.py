@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import base64
 import re
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache
 
@@ -19,7 +20,7 @@ from akm_fg.posterior import normal_bound
 from akm_fg.records import Recording
 from akm_fg.report.overlay import Colour, OverlayConfig, region_name
 from akm_fg.report.path_plot import paths_svg
-from akm_fg.report.pictures import axis_note, band_magnification, pictures
+from akm_fg.report.pictures import Picture, axis_note, band_magnification, pictures
 from akm_fg.report.plots import kinds_svg, states_svg
 from akm_fg.report.rows import score_rows, target_words
 from akm_fg.report.sentences import reading, verdict, what_was_done
@@ -45,9 +46,21 @@ class _Legend:
     colour: Colour | None = None
 
 
-def render_page(summary: RunSummary, config: OverlayConfig | None = None) -> str:
-    """The report as HTML; `config` is of what is drawn into the pictures."""
+def render_page(
+    summary: RunSummary,
+    config: OverlayConfig | None = None,
+    drawn: Sequence[Picture] | None = None,
+) -> str:
+    """The report as HTML.
+
+    Args:
+        summary: of the run.
+        config: of what is drawn into the pictures.
+        drawn: the pictures, where they were drawn already.
+    """
     config = config or OverlayConfig()
+    if drawn is None:
+        drawn = () if summary.recording is None else pictures(summary, config)
     posterior, goal = summary.posterior, summary.goal
     return _template().render(
         title=summary.title,
@@ -56,7 +69,7 @@ def render_page(summary: RunSummary, config: OverlayConfig | None = None) -> str
         verdict=verdict(summary),
         warnings=() if posterior is None else posterior.fit.warnings,
         legend=_legend(summary, config),
-        pictures=() if summary.recording is None else pictures(summary, config),
+        pictures=drawn,
         axis_note=None if summary.recording is None else axis_note(summary, config),
         rows=score_rows(summary),
         plots=_plots(summary),

@@ -2,22 +2,30 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 
 from akm_fg.errors import OutputError
 from akm_fg.io.png import replace_file
 from akm_fg.report.overlay import OverlayConfig
 from akm_fg.report.page import render_page
+from akm_fg.report.pictures import Picture
 from akm_fg.report.summary import RunSummary
 
 
-def write_report(path: Path, summary: RunSummary, config: OverlayConfig | None = None) -> None:
+def write_report(
+    path: Path,
+    summary: RunSummary,
+    config: OverlayConfig | None = None,
+    drawn: Sequence[Picture] | None = None,
+) -> None:
     """Write one self-contained HTML file, whole or not at all; makes the folder it goes to.
 
     Args:
         path: of the file.
         summary: of the run.
         config: of what is drawn into the pictures.
+        drawn: the pictures, where they were drawn already.
 
     Raises:
         OutputError: the file cannot be written there.
@@ -29,4 +37,4 @@ def write_report(path: Path, summary: RunSummary, config: OverlayConfig | None =
         path.parent.mkdir(parents=True, exist_ok=True)
     except OSError as e:
         raise OutputError(f"{path.parent}: cannot be made ({e.strerror})") from e
-    replace_file(path, render_page(summary, config).encode("utf-8"))
+    replace_file(path, render_page(summary, config, drawn).encode("utf-8"))

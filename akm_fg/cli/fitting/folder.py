@@ -68,12 +68,13 @@ def write_folder(
     line = posterior_as_line(fit.posterior) + "\n"
     replace_file(folder / "posterior.json", line.encode())
     write_tree(folder / "config.toml", config, f"All settings of {command}")
+    drawn = None
     if summary.recording is not None:
         make_folder(folder / "pictures")
-        shown = zip(shown_frames(summary), pictures(summary, config.overlay), strict=True)
-        for frame, picture in shown:
+        drawn = pictures(summary, config.overlay)
+        for frame, picture in zip(shown_frames(summary), drawn, strict=True):
             replace_file(folder / "pictures" / f"{frame:06d}.jpg", picture.jpeg)
-    write_report(folder / "report.html", summary, config.overlay)
+    write_report(folder / "report.html", summary, config.overlay, drawn)
 
 
 def _summary(data: FitInput, fit: InputFit, seed: int, command: str) -> RunSummary:
