@@ -23,6 +23,7 @@ from scipy.special import ndtr
 from akm_fg.errors import GraspFailed, InsufficientData, MotionInfeasible, TracksLost
 from akm_fg.interfaces import Arm, Camera
 from akm_fg.io.recording_depth import as_stored
+from akm_fg.looks import Look
 from akm_fg.planning.opening_path import HandLimits, plan_opening
 from akm_fg.posterior import JointPosterior
 from akm_fg.records import FloatArray, Recording, RgbdFrame, RoundSummary
@@ -50,15 +51,6 @@ class EpisodeConfig:
     def tolerance(self, kind: JointKind) -> float:
         """In the unit of the kind's state."""
         return self.tolerance_rad if kind.turns else self.tolerance_m
-
-
-@dataclass(frozen=True, slots=True)
-class Look:
-    """What is known of one moment: a frame, and where the gripper was."""
-
-    frame: RgbdFrame
-    T_world_gripper: gtsam.Pose3
-    holding: bool  # something was between the closed fingers
 
 
 @dataclass(slots=True)

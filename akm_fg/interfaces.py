@@ -54,6 +54,13 @@ class Arm(Protocol):
         """
         ...
 
+    def step_aside(self, frame: RgbdFrame, tick_s: float) -> Iterator[None]:
+        """Let go, and go where the arm hides little from the camera that took the frame.
+
+        Stays where it is after letting go if no such place can be reached.
+        """
+        ...
+
     def holding(self) -> bool:
         """Whether something is between the closed fingers."""
         ...

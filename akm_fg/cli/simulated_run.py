@@ -14,10 +14,11 @@ import numpy as np
 from akm_fg import __version__
 from akm_fg.cli.demo_config import DemoConfig
 from akm_fg.cli.object_argument import ObjectArgument
-from akm_fg.closed_loop import Episode, Look, Observer, Task, run_episode
+from akm_fg.closed_loop import Episode, Observer, Task, run_episode
 from akm_fg.config import AkmConfig
 from akm_fg.errors import GraspFailed
 from akm_fg.io.recording_writer import RecordingWriter
+from akm_fg.looks import Look
 from akm_fg.records import JointTruth
 from akm_fg.report.summary import ArmRecord, Goal, PartTracks, RunSummary
 from akm_fg.stages import ModelSettings, Stages

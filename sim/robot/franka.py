@@ -12,6 +12,8 @@ from akm_fg.arm.body.impedance import REGULAR, cartesian_torques, joint_impedanc
 from akm_fg.arm.body.kinematics import Q_HOME, pose_error
 from akm_fg.arm.body.limits import MotionRecorder
 from akm_fg.arm.body.model import N_ARM
+from akm_fg.arm.body.silhouette import ArmSilhouette
+from akm_fg.arm.motion.aside import aside
 from akm_fg.arm.motion.free_motion import RrtConnectPlanner, timed_motion
 from akm_fg.arm.motion.pulling import Pull
 from akm_fg.arm.motion.reaching import (
@@ -71,6 +73,28 @@ class SimFranka:
     def T_world_gripper(self) -> gtsam.Pose3:
         """The measured gripper pose (forward kinematics of the measured joints)."""
         return self._kinematics.T_world_gripper(self.measured_joints()[0])
+
+    def step_aside(self, frame: RgbdFrame, tick_s: float) -> Iterator[None]:
+        """Let go, and go where the arm hides little from the camera that took the frame.
+
+        Stays where it is after letting go if no such place is within reach without touching
+        anything.
+        """
+        yield from self._drive.execute(self._release(), tick_s)
+        q = self.measured_joints()[0]
+        silhouette = ArmSilhouette(self._scene.description)
+        places = aside(silhouette, frame.camera, frame.T_world_cam, q, self.config.aside)
+        around = self._scene.around(self.T_world_gripper(), self.config.reach.margins_m[0])
+        planner = RrtConnectPlanner(around.free_motion, self.config.plan)
+        for place in places[: self.config.aside.tried]:
+            if np.abs(place - q).max() < self.config.met_rad:
+                return
+            try:
+                waypoints = planner.plan(q, place)
+            except MotionInfeasible:
+                continue
+            yield from self._drive.execute(self._joint_move(waypoints, around), tick_s)
+            return
 
     def holding(self) -> bool:
         """Whether something is between the closed fingers."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 from akm_fg.arm.body.impedance import ImpedanceConfig, JointImpedanceConfig
+from akm_fg.arm.motion.aside import AsideConfig
 from akm_fg.arm.motion.free_motion import PlanConfig
 from akm_fg.arm.motion.joint_path import TimeLawConfig
 from akm_fg.arm.motion.pulling import PullConfig
@@ -26,6 +27,7 @@ class FrankaConfig:
     impedance: ImpedanceConfig = field(default_factory=ImpedanceConfig)
     pull: PullConfig = field(default_factory=PullConfig)
     track: TrackConfig = field(default_factory=TrackConfig)
+    aside: AsideConfig = field(default_factory=AsideConfig)
     gripper: GripperConfig = field(default_factory=GripperConfig)
     approach_m_s: float = 0.08  # straight, before contact
     # Behind its reference on the approach, by the joints' damping: near a singularity the hand goes

@@ -146,7 +146,7 @@ class KnownScene:
             description: of the arm; without one, the Franka of the installed PyBullet's data.
             make_map: makes an obstacle map of a frame.
         """
-        self._description, self._make_map = description, make_map
+        self.description, self._make_map = description, make_map
         self._own = own_surroundings(floor_m)
         self._floor_m = floor_m
         self._config = config or AroundConfig()
@@ -174,8 +174,8 @@ class KnownScene:
             )
             seen = SeenAround(everything, self._map(frame, q, near))
         return surroundings(
-            self._own, seen, T_world_grasp, config, margin_m, self._modelled, self._description
+            self._own, seen, T_world_grasp, config, margin_m, self._modelled, self.description
         )
 
     def _map(self, frame: RgbdFrame, q: FloatArray, config: MapConfig) -> ObstacleMap:
-        return self._make_map(frame, q, self._floor_m, config, self._description)
+        return self._make_map(frame, q, self._floor_m, config, self.description)

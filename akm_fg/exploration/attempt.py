@@ -1,0 +1,358 @@
+"""One attempt: take hold, pull in short stretches, solve after each, stop when it is enough.
+
+Knows pictures, joint angles and whether something is between the fingers, and nothing else.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from typing import Protocol
+
+import gtsam
+import numpy as np
+
+from akm_fg.errors import GraspFailed, InsufficientData, MotionInfeasible
+from akm_fg.exploration.belief import ways_of
+from akm_fg.exploration.config import ExploreConfig
+from akm_fg.exploration.foresight import Pulled, bounds_of, foreseen
+from akm_fg.exploration.records import Attempt, Bounds, Contact, Stretch
+from akm_fg.exploration.stopping import by_threshold, enough, moved_enough
+from akm_fg.interfaces import Arm, Camera
+from akm_fg.io.recording_depth import as_stored
+from akm_fg.looks import Look
+from akm_fg.posterior import JointPosterior
+from akm_fg.records import FloatArray, RgbdFrame
+from akm_fg.stages import RecordingFit
+from akm_fg.stream.seen_so_far import Hand
+
+
+class Stream(Protocol):
+    """Takes frames in as they come, and says what they mean: see `akm_fg.stream.FrameStream`."""
+
+    def add(self, frame: RgbdFrame, hand: Hand | None = None) -> object:
+        """Take in the next frame."""
+        ...
+
+    def posterior(self) -> RecordingFit:
+        """What was seen so far, and what it means."""
+        ...
+
+
+class Observer(Protocol):
+    """Is told what happens, as it happens."""
+
+    def begun(self, number: int, attempt: Attempt) -> None:
+        """An attempt begins."""
+        ...
+
+    def looked(self, look: Look) -> None:
+        """A frame of the attempt was taken."""
+        ...
+
+    def stretched(self, attempt: Attempt) -> None:
+        """A stretch was pulled and solved: the attempt's last."""
+        ...
+
+    def ended(self, number: int, attempt: Attempt) -> None:
+        """An attempt has its outcome."""
+        ...
+
+    def stage(self, words: str) -> None:
+        """What comes next."""
+        ...
+
+
+@dataclass(slots=True)
+class Tried:
+    """What an attempt left behind."""
+
+    attempt: Attempt
+    looks: list[Look] = field(default_factory=list)
+    fit: RecordingFit | None = None  # of its frames, where something moved
+
+    @property
+    def moved(self) -> bool:
+        """Whether a part was seen to move."""
+        return self.fit is not None
+
+
+class Trier:
+    """Tries one hypothesis with an arm, under a camera."""
+
+    def __init__(
+        self,
+        arm: Arm,
+        camera: Camera,
+        stream: Stream,
+        tried: Tried,
+        observer: Observer,
+        config: ExploreConfig,
+    ) -> None:
+        self._arm, self._camera, self._stream = arm, camera, stream
+        self._tried, self._observer, self._config = tried, observer, config
+        self._travel_m = 0.0
+
+    def run(self, grasps: Sequence[gtsam.Pose3]) -> None:
+        """The attempt, from a first look to its outcome.
+
+        Args:
+            grasps: of the contact, best first.
+        """
+        self._look()
+        attempt = self._tried.attempt
+        try:
+            self._take_hold(grasps)
+            if self._config.stop == "threshold":
+                self._pull_straight()
+            else:
+                self._pull_in_stretches()
+        except GraspFailed as error:
+            if self._opened_already():
+                self._end("opened", f"opened, then {error}")
+            else:
+                self._end("grasp_lost", str(error))
+        except MotionInfeasible as error:
+            attempt.grasps_refused = max(attempt.grasps_refused, 1)
+            self._end("refused", str(error))
+
+    def _end(self, outcome: str, reason: str) -> None:
+        attempt = self._tried.attempt
+        attempt.outcome, attempt.reason = outcome, reason  # type: ignore[assignment]
+
+    def _take_hold(self, grasps: Sequence[gtsam.Pose3]) -> None:
+        """With the first of the grasps that the planner allows.
+
+        Raises:
+            MotionInfeasible: it allows none.
+            GraspFailed: it led nowhere.
+        """
+        attempt, refusal = self._tried.attempt, None
+        for T_world_grasp in grasps[: self._config.pull.most_grasps]:
+            motion = self._arm.grasp(T_world_grasp, self._config.pull.tick_s)
+            try:
+                with self._timed("reach"):
+                    for _ in motion:
+                        attempt.pulled = True
+            except MotionInfeasible as error:
+                attempt.grasps_refused += 1
+                refusal = refusal or error
+                continue
+            attempt.pulled = True
+            attempt.T_world_grasp = self._arm.T_world_gripper()
+            self._look()
+            return
+        raise refusal or MotionInfeasible("no grasp was found on the cloud around the contact")
+
+    def _pull_in_stretches(self) -> None:
+        pull = self._config.pull
+        direction = self._tried.attempt.hypothesis.direction_world
+        for number in range(pull.most_stretches):
+            advanced = self._stretch(direction, pull.stretch_m)
+            if not self._arm.holding():
+                if self._solve() is None or not self._hold_again():
+                    raise GraspFailed(f"the grip was lost after {_cm(self._travel_m)}")
+                direction = self._tangent(advanced)
+                continue
+            gave = float(np.linalg.norm(advanced)) > pull.gave_m
+            if not gave and number == 0:
+                return self._end("rigid", f"held, and did not give by {_mm(pull.gave_m)}")
+            stretch = self._solve()
+            if stretch is None:
+                if self._travel_m > pull.slipped_m:
+                    raise GraspFailed(
+                        f"the hand went {_cm(self._travel_m)} and nothing was seen to move"
+                    )
+                if not gave:
+                    return self._end("rigid", f"held, and gave {_mm(self._travel_m)} in all")
+                continue
+            reason = enough(self._tried.attempt.stretches, self._turns(), self._config.stopping)
+            if reason is not None:
+                return self._end("opened", reason)
+            if not gave:
+                return self._ended_early("the part has come to its stop")
+            direction = self._tangent(advanced)
+        self._ended_early(f"after {pull.most_stretches} stretches")
+
+    def _pull_straight(self) -> None:
+        """The paper's pull and its check of what moved (Algorithm 2)."""
+        pull, stopping = self._config.pull, self._config.stopping
+        self._stretch(self._tried.attempt.hypothesis.direction_world, pull.straight_m)
+        self._solve()
+        fit = self._tried.fit
+        if fit is not None and by_threshold(fit.observed.moving_tracks, pull.straight_m, stopping):
+            return self._end("opened", "the moving tracks went far enough")
+        if not self._arm.holding():
+            raise GraspFailed("the grip was lost")
+        self._end("rigid", "the moving tracks did not go far enough")
+
+    def _ended_early(self, why: str) -> None:
+        if self._opened_already():
+            self._end("opened", why)
+        else:
+            self._end("stopped", f"{why}, and the part has not moved far enough")
+
+    def _opened_already(self) -> bool:
+        stretches = self._tried.attempt.stretches
+        need = self._config.stopping.need
+        return bool(stretches) and moved_enough(stretches[-1], self._turns(), need)
+
+    def _stretch(self, direction_world: FloatArray, distance_m: float) -> FloatArray:
+        """Pull on; returns how far (3,) the hand went."""
+        before = self._arm.T_world_gripper().translation()
+        motion = self._arm.pull(direction_world, distance_m, self._config.pull.tick_s)
+        while True:
+            with self._timed("pull"):
+                more = next(motion, _DONE) is not _DONE
+            if not more:
+                break
+            self._look()
+        self._look()
+        advanced = self._arm.T_world_gripper().translation() - before
+        self._travel_m += float(np.linalg.norm(advanced))
+        return np.asarray(advanced)
+
+    def _look(self) -> None:
+        with self._timed("camera"):
+            frame = as_stored(self._camera.capture())
+            look = Look(frame, self._arm.T_world_gripper(), self._arm.holding())
+        looks = self._tried.looks
+        if looks and frame.stamp_s <= looks[-1].frame.stamp_s:
+            return
+        looks.append(look)
+        self._observer.looked(look)
+        with self._timed("watch"):
+            self._stream.add(frame, Hand(look.T_world_gripper, look.holding))
+
+    def _solve(self) -> Stretch | None:
+        """The joint from all frames of the attempt; None where nothing moved."""
+        began = time.process_time()
+        try:
+            with self._timed("solve"):
+                fit = self._stream.posterior()
+        except InsufficientData:
+            return None
+        best = fit.posterior.best
+        if best.joint is None or best.states is None:
+            return None
+        self._tried.fit = fit
+        state, sd = float(best.states.mean[-1]), float(best.states.sd[-1])
+        seen = bool(np.isfinite(state))
+        frames = len(self._tried.looks)
+        stretch = Stretch(
+            travel_m=self._travel_m,
+            frames=frames,
+            kind=str(fit.posterior.kind),
+            kind_probability=dict(fit.posterior.kind_probability),
+            state=state if seen else None,
+            state_sd=sd if seen else None,
+            bounds=bounds_of(best.joint),
+            expected_next=None if not seen else self._foreseen(fit, best.joint, state),
+            solve_s=time.process_time() - began,
+        )
+        self._tried.attempt.stretches.append(stretch)
+        self._observer.stretched(self._tried.attempt)
+        return stretch
+
+    def _foreseen(self, fit: RecordingFit, joint: JointPosterior, state: float) -> Bounds:
+        points = part_points(fit, self._tried.attempt.contact)
+        frames = len(self._tried.looks)
+        held = max(sum(look.holding for look in self._tried.looks), 1)
+        stretches = len(self._tried.attempt.stretches) + 1
+        then = Pulled(state * (stretches + 1) / stretches, frames + held // stretches)
+        return bounds_of(foreseen(joint, points, Pulled(state, frames), then))
+
+    def _turns(self) -> bool:
+        joint = self._joint()
+        return joint is not None and joint.turns
+
+    def _joint(self) -> JointPosterior | None:
+        fit = self._tried.fit
+        return None if fit is None else fit.posterior.best.joint
+
+    def _tangent(self, advanced: FloatArray) -> FloatArray:
+        """Where the joint would take the hand next, (3,) unit; where it is vague, as it went."""
+        length = float(np.linalg.norm(advanced))
+        went = advanced / length if length > 1e-6 else None
+        joint, fit = self._joint(), self._tried.fit
+        sure = fit is not None and fit.posterior.kind == str(joint.kind) if joint else False
+        if joint is None or (not sure and went is not None):
+            assert went is not None
+            return went
+        hand = self._arm.T_world_gripper().translation()
+        along = np.cross(joint.axis, hand - joint.joint.origin) if joint.turns else joint.axis
+        along = along / max(float(np.linalg.norm(along)), 1e-9)
+        if went is not None and along @ went < 0.0:
+            along = -along
+        return np.asarray(along)
+
+    def _hold_again(self) -> bool:
+        """Take hold anew of the part where it is now; False where that is not to be had."""
+        attempt, joint = self._tried.attempt, self._joint()
+        if attempt.regrasps >= self._config.pull.most_regrasps or joint is None:
+            return False
+        if attempt.T_world_grasp is None or self._opened_already():
+            return False
+        attempt.regrasps += 1
+        self._observer.stage("the grip was lost; taking hold again")
+        with self._timed("reach"):
+            for _ in self._arm.step_aside(self._tried.looks[-1].frame, self._config.pull.tick_s):
+                pass
+        self._look()
+        self._arm.see(self._tried.looks[-1].frame)
+        stretch = self._solve()
+        joint = self._joint()
+        if stretch is None or stretch.state is None or joint is None:
+            return False
+        R, t = joint.joint.motion(np.array([stretch.state]))
+        T_world_now = gtsam.Pose3(gtsam.Rot3(R[0]), t[0]) * attempt.T_world_grasp
+        try:
+            with self._timed("reach"):
+                for _ in self._arm.grasp(T_world_now, self._config.pull.tick_s):
+                    pass
+        except MotionInfeasible:
+            return False
+        self._look()
+        return True
+
+    @contextmanager
+    def _timed(self, stage: str) -> Iterator[None]:
+        began = time.process_time()
+        try:
+            yield
+        finally:
+            times = self._tried.attempt.time_s
+            times[stage] = times.get(stage, 0.0) + time.process_time() - began
+
+
+PANEL_M = 0.1  # half side of what stands for a part without tracks: a small drawer's front
+
+
+def part_points(fit: RecordingFit, contact: Contact) -> FloatArray:
+    """(N, 3) followed points of the part, where they were in the first frame that shows them.
+
+    Of a part that was known by its surface alone, the corners of a panel about the contact.
+    """
+    tracks = fit.observed.moving_tracks
+    seen = tracks.observed
+    chosen = np.flatnonzero(seen.any(axis=0))
+    if chosen.size == 0:
+        sides = ways_of(contact.normal_world)
+        across, up = sides["left"], np.cross(contact.normal_world, sides["left"])
+        corners = [(x, y) for x in (-PANEL_M, PANEL_M) for y in (-PANEL_M, PANEL_M)]
+        return np.array([contact.p_world + x * across + y * up for x, y in corners])
+    first = seen[:, chosen].argmax(axis=0)
+    return np.asarray(tracks.p_world[first, chosen])
+
+
+def _cm(distance_m: float) -> str:
+    return f"{100 * distance_m:.1f} cm"
+
+
+def _mm(distance_m: float) -> str:
+    return f"{1e3 * distance_m:.0f} mm"
+
+
+_DONE = object()

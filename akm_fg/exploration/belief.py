@@ -1,0 +1,209 @@
+"""What is believed of every (contact, way to pull) before the next pull: Bayes, the default.
+
+A rigid front f opens by one way or by none: w_f in {none, outward, left, right, upward}. A contact
+c on it serves (s_c) if it sits on that front and has the lever to move it; its grasp holds (g_c)
+or not, which is another matter. A pull by way d opens iff w_f = d, s_c and g_c. Outcomes:
+
+    rigid while held:  p = 1 - s_c (1 - e) where w_f = d, else 1    (e: it moves too little to see,
+                       or a catch is stronger than the pull)
+    grasp lost, empty: says nothing of w_f and s_c; g_c ~ Beta gets a failure
+    refused:           says nothing of either; the contact is left alone
+
+Given w_f the contacts' s_c are independent, so the posterior of w_f is exact:
+p(w_f = d | pulls) ~ p(w_f = d) prod_c (1 - s_c (1 - e))^n_cd over n_cd rigid pulls.
+Fronts are independent: more than one part may be free.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Protocol
+
+import numpy as np
+
+from akm_fg.exploration.records import BeliefSnapshot, Contact, Hypothesis, Outcome, Way
+from akm_fg.records import FloatArray
+
+WAYS: tuple[Way, ...] = ("outward", "left", "right", "upward")
+
+
+@dataclass(frozen=True, slots=True)
+class BeliefConfig:
+    """Prior of the ways, and what the outcomes mean.
+
+    The ways' shares are those of the mechanisms that people build, not of any suite: of the single
+    joints of furniture nearly all open outwards; sliding doors and lifted lids are the rest.
+    """
+
+    outward: float = 0.88
+    sideways: float = 0.04  # either side
+    upward: float = 0.04
+    on_its_front: float = 0.95  # a contact is on the front that it was given to, and has a lever
+    missed: float = 0.02  # a rigid pull on what is free that way: a catch, a jam
+    holds: tuple[float, float] = (4.0, 1.0)  # Beta of a grasp: successes and failures beforehand
+    nothing_left: float = 0.03  # probability that anything opens below which the search ends
+    # Robot's seconds: reaching and closing, and then a pull that opens or meets a rigid front.
+    reach_s: float = 12.0
+    open_s: float = 12.0
+    rigid_s: float = 6.0
+
+    def way(self, way: Way) -> float:
+        """Share of what opens that opens this way."""
+        shares = {"outward": self.outward, "upward": self.upward}
+        return shares.get(way, self.sideways)
+
+
+class Belief(Protocol):
+    """Says what to try next, and learns from what came of it."""
+
+    def next(self) -> Hypothesis | None:
+        """What to try; None where nothing is worth a pull any more."""
+        ...
+
+    def probability(self, hypothesis: Hypothesis) -> float:
+        """That a pull there opens."""
+        ...
+
+    def learn(self, hypothesis: Hypothesis, outcome: Outcome, moved: bool) -> None:
+        """Take in what came of a try; `moved`: a part was seen to move before it was lost."""
+        ...
+
+    def snapshot(self) -> BeliefSnapshot:
+        """As it is now."""
+        ...
+
+
+def ways_of(normal_world: FloatArray) -> dict[Way, FloatArray]:
+    """The direction (3,), unit, of each way to pull on a front with this outward normal."""
+    up = np.array([0.0, 0.0, 1.0])
+    side = np.cross(up, normal_world)
+    length = float(np.linalg.norm(side))
+    # A front that looks up has no side of its own: any level direction will do.
+    left = side / length if length > 0.1 else np.array([0.0, 1.0, 0.0])
+    normal = normal_world / np.linalg.norm(normal_world)
+    return {"outward": normal, "left": left, "right": -left, "upward": up}
+
+
+@dataclass(slots=True)
+class _Tries:
+    """What pulls have shown at one contact."""
+
+    rigid: dict[Way, int] = field(default_factory=dict)
+    lost: int = 0
+    refused: bool = False
+    moved: Way | None = None
+
+
+class BayesBelief:
+    """The belief of this module's docstring."""
+
+    def __init__(self, contacts: Sequence[Contact], config: BeliefConfig | None = None) -> None:
+        self._contacts, self._config = tuple(contacts), config or BeliefConfig()
+        self._tries = [_Tries() for _ in self._contacts]
+        self._of_front: dict[int, list[int]] = {}
+        for place, contact in enumerate(self._contacts):
+            self._of_front.setdefault(contact.front, []).append(place)
+        self._ways = [ways_of(contact.normal_world) for contact in self._contacts]
+
+    def next(self) -> Hypothesis | None:
+        """The likeliest to open for a second of the robot's time."""
+        if self.anything() < self._config.nothing_left:
+            return None
+        best, most = None, 0.0
+        for place in range(len(self._contacts)):
+            for way in WAYS:
+                hypothesis = Hypothesis(place, way, self._ways[place][way])
+                gain = self._gain(hypothesis)
+                if gain > most:
+                    best, most = hypothesis, gain
+        return best
+
+    def probability(self, hypothesis: Hypothesis) -> float:
+        """That a pull there opens: the front opens that way, the contact serves, it holds."""
+        place, way = hypothesis.contact, hypothesis.way
+        tries = self._tries[place]
+        if tries.refused:
+            return 0.0
+        opens = self.front_opens(self._contacts[place].front)[way]
+        return opens * self._serves(place, way) * self._holds(place)
+
+    def learn(self, hypothesis: Hypothesis, outcome: Outcome, moved: bool) -> None:
+        """Take in what came of a try."""
+        tries = self._tries[hypothesis.contact]
+        if moved:
+            tries.moved = hypothesis.way
+        if outcome == "rigid":
+            tries.rigid[hypothesis.way] = tries.rigid.get(hypothesis.way, 0) + 1
+        elif outcome == "grasp_lost":
+            tries.lost += 1
+        elif outcome == "refused":
+            tries.refused = True
+
+    def snapshot(self) -> BeliefSnapshot:
+        """As it is now."""
+        by_contact = [
+            sum(self.probability(Hypothesis(c, way, self._ways[c][way])) for way in WAYS)
+            for c in range(len(self._contacts))
+        ]
+        return BeliefSnapshot(np.array(by_contact), self.anything())
+
+    def anything(self) -> float:
+        """Probability that any front opens by a pull that can still be tried."""
+        closed = 1.0
+        for front, places in self._of_front.items():
+            opens = self.front_opens(front)
+            left = sum(
+                share * max((self._still(c, way) for c in places), default=0.0)
+                for way, share in opens.items()
+            )
+            closed *= 1.0 - min(left, 1.0)
+        return 1.0 - closed
+
+    def front_opens(self, front: int) -> dict[Way, float]:
+        """Probability of each way by which a front may open; what is missing to one: by none."""
+        places, config = self._of_front[front], self._config
+        for place in places:
+            moved = self._tries[place].moved
+            if moved is not None:
+                return {way: float(way == moved) for way in WAYS}
+        prior = max(self._contacts[place].prior for place in places)
+        weights = {way: prior * config.way(way) * self._spared(places, way) for way in WAYS}
+        total = 1.0 - prior + sum(weights.values())
+        return {way: weight / total for way, weight in weights.items()}
+
+    def _spared(self, places: Sequence[int], way: Way) -> float:
+        """Likelihood of the rigid pulls by this way if the front opens by it."""
+        likelihood = 1.0
+        for place in places:
+            n = self._tries[place].rigid.get(way, 0)
+            likelihood *= (1.0 - self._prior_serves(place) * (1.0 - self._config.missed)) ** n
+        return likelihood
+
+    def _prior_serves(self, place: int) -> float:
+        """Relative to the front's best contact: that one is what the front's prior speaks of."""
+        contacts = self._contacts
+        best = max(contacts[c].prior for c in self._of_front[contacts[place].front])
+        return self._config.on_its_front * contacts[place].prior / max(best, 1e-9)
+
+    def _serves(self, place: int, way: Way) -> float:
+        """Of a contact, given that its front opens this way and all its rigid pulls by it."""
+        if self._tries[place].moved is not None:
+            return 1.0
+        serves, n = self._prior_serves(place), self._tries[place].rigid.get(way, 0)
+        spared = serves * self._config.missed**n
+        return spared / max(spared + 1.0 - serves, 1e-12)
+
+    def _holds(self, place: int) -> float:
+        good, bad = self._config.holds
+        return good / (good + bad + self._tries[place].lost)
+
+    def _still(self, place: int, way: Way) -> float:
+        """Probability with which a pull could still show what opens this way."""
+        if self._tries[place].refused:
+            return 0.0
+        return self._serves(place, way) * self._holds(place)
+
+    def _gain(self, hypothesis: Hypothesis) -> float:
+        c, p = self._config, self.probability(hypothesis)
+        return p / (c.reach_s + p * c.open_s + (1.0 - p) * c.rigid_s)

@@ -1,0 +1,51 @@
+"""All tuning of exploration."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Literal
+
+import numpy as np
+
+from akm_fg.exploration.belief import BeliefConfig
+from akm_fg.exploration.stopping import StopConfig
+from akm_fg.exploration.suppression import SuppressionConfig
+
+StopRule = Literal["posterior", "threshold"]
+BeliefName = Literal["bayes", "suppression"]
+
+
+@dataclass(frozen=True, slots=True)
+class PullConfig:
+    """How an attempt pulls."""
+
+    stretch_m: float = 0.03  # of hand path between two solutions
+    most_stretches: int = 10
+    tick_s: float = 0.25  # between frames of the pull
+    gave_m: float = 0.004  # of the hand in a stretch, with the arm's and the pads' own give
+    slipped_m: float = 0.015  # between where the hand is and where the part would have taken it
+    most_grasps: int = 6  # asked of the planner for one contact
+    most_regrasps: int = 2
+    straight_m: float = 0.10  # the paper's pull, of the threshold's stop rule
+    away_m: float = 0.10  # straight back from what was let go
+
+
+@dataclass(frozen=True, slots=True)
+class ExploreConfig:
+    """How an exploration goes."""
+
+    max_attempts: int = 25  # the paper's
+    belief: BeliefName = "bayes"
+    stop: StopRule = "posterior"
+    adaptive_termination: bool = True  # the paper's AT: without, one attempt is all
+    failure_suppression: bool = True  # its FS: without, failures teach nothing
+    contact_analogy: bool = True  # its CA: without, all contacts are alike at first
+    zero_shot: bool = False  # nothing is remembered of the object's own family
+    bayes: BeliefConfig = field(default_factory=BeliefConfig)
+    suppression: SuppressionConfig = field(default_factory=SuppressionConfig)
+    pull: PullConfig = field(default_factory=PullConfig)
+    stopping: StopConfig = field(default_factory=StopConfig)
+    # Of an object of which nothing is known: that it opens at all. The contacts share it.
+    opens_at_all: float = 0.97
+    same_contact_m: float = 0.02  # candidates nearer than this are one
+    tilt_rad: float = float(np.deg2rad(25.0))  # of a normal, within which fronts face one way

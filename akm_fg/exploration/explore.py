@@ -1,0 +1,174 @@
+"""Exploration: look, believe, try, learn; until something is open and known, or nothing is left.
+
+first look -> contacts -> belief -> [best hypothesis -> attempt -> belief] ... -> posterior
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Protocol
+
+import gtsam
+import numpy as np
+
+from akm_fg.exploration.attempt import Observer, Stream, Tried, Trier
+from akm_fg.exploration.belief import BayesBelief, Belief
+from akm_fg.exploration.config import ExploreConfig
+from akm_fg.exploration.records import Attempt, Contact, Exploration, Hypothesis
+from akm_fg.exploration.suppression import SuppressedMap
+from akm_fg.interfaces import Arm, Camera
+from akm_fg.records import RgbdFrame
+
+TICK_S = 1.0  # nobody looks while the arm steps aside
+
+
+class ContactFinder(Protocol):
+    """Where fingers may take hold in a frame, and with which prior: see `contacts`."""
+
+    def __call__(self, frame: RgbdFrame) -> Sequence[Contact]:
+        """The contacts of what is seen; none where there is no object."""
+        ...
+
+
+class GraspFinder(Protocol):
+    """Grasps of a contact, best first."""
+
+    def __call__(self, frame: RgbdFrame, contact: Contact) -> Sequence[gtsam.Pose3]:
+        """T_world_grasp each; none where the fingers find no hold."""
+        ...
+
+
+@dataclass(frozen=True, slots=True)
+class Explorer:
+    """Who looks, believes and models. Everything is made by its caller."""
+
+    contacts: ContactFinder
+    grasps: GraspFinder
+    stream: Callable[[int], Stream]  # a new one for an attempt with this number
+    config: ExploreConfig
+    seed: int = 0
+
+
+def explore(
+    arm: Arm, camera: Camera, explorer: Explorer, exploration: Exploration, observer: Observer
+) -> None:
+    """Find what opens, and how.
+
+    Args:
+        arm: holds and pulls.
+        camera: fixed, watches.
+        explorer: perception, belief, and models.
+        exploration: is filled as things happen, and stays valid when this is interrupted;
+            attempts that it already holds are learned from first, and not made again.
+        observer: is told of attempts, frames and stages.
+    """
+    config = explorer.config
+    frame = look_clear(arm, camera, exploration)
+    if exploration.first_look is None:
+        exploration.first_look = frame
+        observer.stage("looking for places to take hold")
+        with _Took(exploration, "contacts"):
+            exploration.contacts = tuple(explorer.contacts(frame))
+    if not exploration.contacts:
+        exploration.failure = "no place to take hold is seen: no object, or it is out of view"
+        return
+    belief = belief_of(exploration, explorer)
+    for attempt in exploration.attempts:
+        belief.learn(attempt.hypothesis, attempt.outcome, _moved(attempt))
+    while exploration.pulls < config.max_attempts and not exploration.opened:
+        with _Took(exploration, "belief"):
+            hypothesis = belief.next()
+            exploration.beliefs.append(belief.snapshot())
+        if hypothesis is None:
+            break
+        tried = _tried(arm, camera, explorer, exploration, observer, belief, hypothesis)
+        belief.learn(hypothesis, tried.attempt.outcome, tried.moved)
+        exploration.fit = tried.fit or exploration.fit
+        if not config.adaptive_termination:
+            break
+        if not exploration.opened:
+            look_clear(arm, camera, exploration)
+    _conclude(exploration, belief, config)
+
+
+def belief_of(exploration: Exploration, explorer: Explorer) -> Belief:
+    """The belief that the configuration asks for, before the first pull."""
+    config, contacts = explorer.config, exploration.contacts
+    if config.belief == "bayes" and config.failure_suppression:
+        return BayesBelief(contacts, config.bayes)
+    assert exploration.first_look is not None
+    width = exploration.first_look.camera.width
+    rng = None if config.failure_suppression else np.random.default_rng([explorer.seed, 11])
+    return SuppressedMap(contacts, width, config.suppression, rng)
+
+
+def look_clear(arm: Arm, camera: Camera, exploration: Exploration) -> RgbdFrame:
+    """A frame from which the arm has stepped aside; the arm keeps clear of what it shows."""
+    with _Took(exploration, "step aside"):
+        frame = camera.capture()
+        arm.see(frame)
+        for _ in arm.step_aside(frame, TICK_S):
+            pass
+        frame = camera.capture()
+        arm.see(frame)
+    return frame
+
+
+def _tried(
+    arm: Arm,
+    camera: Camera,
+    explorer: Explorer,
+    exploration: Exploration,
+    observer: Observer,
+    belief: Belief,
+    hypothesis: Hypothesis,
+) -> Tried:
+    contact = exploration.contacts[hypothesis.contact]
+    attempt = Attempt(hypothesis, contact, belief.probability(hypothesis))
+    number = len(exploration.attempts)
+    exploration.attempts.append(attempt)
+    observer.begun(number, attempt)
+    with _Took(exploration, "grasps"):
+        grasps = explorer.grasps(camera.capture(), contact)
+    tried = Tried(attempt)
+    stream = explorer.stream(number)
+    Trier(arm, camera, stream, tried, observer, explorer.config).run(grasps)
+    observer.ended(number, attempt)
+    return tried
+
+
+def _moved(attempt: Attempt) -> bool:
+    return bool(attempt.stretches)
+
+
+def _conclude(exploration: Exploration, belief: Belief, config: ExploreConfig) -> None:
+    if exploration.opened:
+        exploration.stop = config.stop
+        return
+    if not exploration.attempts:
+        exploration.failure = "nothing here is worth a pull"
+        return
+    refused = sum(attempt.outcome == "refused" for attempt in exploration.attempts)
+    tried = f"{exploration.pulls} pulls, {refused} places out of the arm's reach or not clear"
+    if exploration.pulls >= config.max_attempts:
+        exploration.stop = "attempts"
+        exploration.failure = f"nothing was opened in {config.max_attempts} attempts ({tried})"
+        return
+    left = belief.snapshot().anything
+    exploration.failure = f"nothing here opens (probability {1.0 - left:.2f}; {tried})"
+
+
+class _Took:
+    """Accounts for the processor time of a stage."""
+
+    def __init__(self, exploration: Exploration, stage: str) -> None:
+        self._times, self._stage = exploration.time_s, stage
+
+    def __enter__(self) -> None:
+        self._began = time.process_time()
+
+    def __exit__(self, *_: object) -> None:
+        took = time.process_time() - self._began
+        self._times[self._stage] = self._times.get(self._stage, 0.0) + took

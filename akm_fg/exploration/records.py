@@ -1,0 +1,113 @@
+"""What exploration works on and what comes out of it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Literal
+
+import gtsam
+
+from akm_fg.records import FloatArray, RgbdFrame
+from akm_fg.stages import RecordingFit
+
+Outcome = Literal["opened", "rigid", "grasp_lost", "refused", "stopped"]
+Way = Literal["outward", "left", "right", "upward"]
+What = Literal["protrusion", "edge", "recess", "plain"]
+StopReason = Literal["posterior", "threshold", "attempts"]
+
+
+@dataclass(frozen=True, slots=True)
+class Contact:
+    """A place where the fingers may take hold."""
+
+    p_world: FloatArray  # (3,) m
+    uv: FloatArray  # (2,) pixel of the first look
+    normal_world: FloatArray  # (3,) unit, out of the front that it is on
+    front: int  # which rigid front that is
+    prior: float  # probability that what is held here moves, if anything here does
+    what: What = "protrusion"
+
+
+@dataclass(frozen=True, slots=True)
+class Hypothesis:
+    """Holding this contact and pulling this way moves a part."""
+
+    contact: int  # place among the contacts
+    way: Way
+    direction_world: FloatArray  # (3,) unit
+
+
+@dataclass(frozen=True, slots=True)
+class Bounds:
+    """How well a joint is known: 95 % bounds, and standard deviations as they are printed."""
+
+    axis_rad: float  # angle to the true axis
+    pivot_m: float | None  # distance of the true axis line; None of what slides
+    axis_sd_rad: float
+    pivot_sd_m: float | None
+
+
+@dataclass(frozen=True, slots=True)
+class Stretch:
+    """What was known after a short stretch of pull."""
+
+    travel_m: float  # path of the hand since it took hold
+    frames: int  # of the attempt's recording, so far
+    kind: str  # `rigid` where nothing moved
+    kind_probability: dict[str, float]
+    state: float | None  # m or rad; None where nothing moved or it is not seen
+    state_sd: float | None
+    bounds: Bounds | None
+    expected_next: Bounds | None  # after a further stretch, foreseen now
+    solve_s: float  # of processor time
+
+
+@dataclass(slots=True)
+class Attempt:
+    """One try: where, which way, what came of it. Grows while it runs."""
+
+    hypothesis: Hypothesis
+    contact: Contact
+    probability: float  # that it opens, as believed before
+    outcome: Outcome = "stopped"
+    reason: str = "interrupted"
+    pulled: bool = False  # a refusal costs no pull
+    stretches: list[Stretch] = field(default_factory=list)
+    T_world_grasp: gtsam.Pose3 | None = None  # as it took hold, at the first state
+    grasps_refused: int = 0
+    regrasps: int = 0
+    recording: str | None = None
+    time_s: dict[str, float] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, slots=True)
+class BeliefSnapshot:
+    """Probability that a pull at each contact opens, before an attempt."""
+
+    by_contact: FloatArray  # (C,) over the ways
+    anything: float  # that anything here opens
+
+
+@dataclass(slots=True)
+class Exploration:
+    """What has happened so far; stays readable when it is interrupted."""
+
+    first_look: RgbdFrame | None = None
+    contacts: tuple[Contact, ...] = ()
+    beliefs: list[BeliefSnapshot] = field(default_factory=list)
+    attempts: list[Attempt] = field(default_factory=list)
+    fit: RecordingFit | None = None  # of the last attempt in which something moved
+    stop: StopReason | None = None
+    failure: str | None = None
+    notes: list[str] = field(default_factory=list)  # what was done without, and why
+    time_s: dict[str, float] = field(default_factory=dict)
+
+    @property
+    def opened(self) -> bool:
+        """Whether a part was opened, by the program's own belief."""
+        return bool(self.attempts) and self.attempts[-1].outcome == "opened"
+
+    @property
+    def pulls(self) -> int:
+        """Interactions: attempts that touched the object."""
+        return sum(attempt.pulled for attempt in self.attempts)
