@@ -8,6 +8,7 @@ from typing import Any
 from akm_fg.calibration.records import CalibrationConfig
 from akm_fg.closed_loop import EpisodeConfig
 from akm_fg.estimation.config import FitConfig
+from akm_fg.model.config import ModelConfig
 from akm_fg.perception.config import PerceptionConfig
 from akm_fg.report.overlay import OverlayConfig
 
@@ -29,5 +30,6 @@ class AkmConfig:
     perception: PerceptionConfig = field(default_factory=PerceptionConfig)
     fit: FitConfig = field(default_factory=FitConfig)
     episode: EpisodeConfig = field(default_factory=EpisodeConfig)
+    model: ModelConfig = field(default_factory=ModelConfig)
     overlay: OverlayConfig = field(default_factory=OverlayConfig)
     calibration: CalibrationConfig = field(default_factory=CalibrationConfig)

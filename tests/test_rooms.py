@@ -40,6 +40,7 @@ INSIDE = {
     "io": RECORDS | {"posterior", "posterior_views"},
     "report": RECORDS | {"posterior", "io"},
     "calibration": RECORDS | {"io"},
+    "model": RECORDS | {"posterior", "io", "geometry", "perception", "stages"},
 }
 # Rooms of a room, those that others stand on first; each may know those before it and those it is
 # named with. Files beside the rooms stand on all of them, but for those named here.

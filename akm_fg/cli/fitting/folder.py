@@ -1,7 +1,8 @@
-"""What `akm-fg fit --out DIR` leaves there: report.html, posterior.json, config.toml, pictures."""
+"""What `akm-fg fit --out DIR` leaves there: page, posterior, settings, pictures and model."""
 
 from __future__ import annotations
 
+import logging
 import os
 import re
 from collections.abc import Sequence
@@ -12,16 +13,20 @@ import numpy as np
 from akm_fg import __version__
 from akm_fg.cli.config_argument import write_tree
 from akm_fg.config import AkmConfig
-from akm_fg.errors import OutputError
+from akm_fg.errors import InsufficientData, OutputError
 from akm_fg.io.inputs import FitInput
 from akm_fg.io.png import replace_file
 from akm_fg.io.posterior_json import posterior_as_line
 from akm_fg.io.tracks import TracksInput
+from akm_fg.model.build import FittedRecording, build_model
+from akm_fg.model.write import set_aside, write_model
 from akm_fg.pipeline import InputFit
 from akm_fg.records import Recording
 from akm_fg.report.pictures import pictures, shown_frames
 from akm_fg.report.summary import PartTracks, PointPaths, RunSummary
 from akm_fg.report.write import write_report
+
+log = logging.getLogger(__name__)
 
 
 def folders_of(out: Path, inputs: Sequence[Path]) -> list[Path]:
@@ -75,6 +80,27 @@ def write_folder(
         for frame, picture in zip(shown_frames(summary), drawn, strict=True):
             replace_file(folder / "pictures" / f"{frame:06d}.jpg", picture.jpeg)
     write_report(folder / "report.html", summary, config.overlay, drawn)
+    if isinstance(data, Recording) and fit.observed is not None:
+        _write_model(folder, FittedRecording(data, fit.observed, fit.posterior), config)
+
+
+def _write_model(folder: Path, fitted: FittedRecording, config: AkmConfig) -> None:
+    """The object's model, where the answer suffices for one; else the log says why there is none.
+
+    An older one of the same folder is kept under another name, and none stays that is not of it.
+    """
+    try:
+        model = build_model(
+            fitted,
+            sources=[fitted.posterior.name],
+            perception=config.perception,
+            config=config.model,
+        )
+    except InsufficientData as error:
+        log.warning("no model.json: %s", error)
+        set_aside(folder)
+    else:
+        write_model(folder, model)
 
 
 def _summary(data: FitInput, fit: InputFit, seed: int, command: str) -> RunSummary:

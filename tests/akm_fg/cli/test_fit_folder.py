@@ -15,6 +15,7 @@ from akm_fg.cli.fitting.folder import folders_of
 from akm_fg.cli.fitting.progress import Progress
 from akm_fg.cli.main import main
 from akm_fg.io.recording import write_recording
+from akm_fg.model.read import read_model
 
 
 def _log(path: Path, stamps: bool = False) -> Path:
@@ -40,6 +41,9 @@ def test_a_recording_leaves_a_page_with_pictures(
     assert f"akm-fg fit {tmp_path / 'door'} --seed 0" in page and "moving part" in page
     assert cv2.imread(str(min((out / "pictures").glob("*.jpg")))) is not None
     assert (out / "config.toml").exists()
+    model = read_model(out)
+    assert model.sources == (str(tmp_path / "door"),)
+    assert model.parts[0].posterior.to_dict() == posterior
     assert "report.html" in captured.out
     frames = len(door.recording.frames)
     assert f"frame {frames} of {frames}; fitting the joint" in captured.err

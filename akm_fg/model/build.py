@@ -1,0 +1,169 @@
+"""From fitted recordings to the model of an object."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import gtsam
+import numpy as np
+
+from akm_fg.errors import InsufficientData
+from akm_fg.model.config import ModelConfig
+from akm_fg.model.part_views import PartView, part_views, spread_frames
+from akm_fg.model.records import Contact, ModelPart, ObjectModel, StateLimits, Surface
+from akm_fg.model.surface_cloud import View, averaged, believed, pixels, readings
+from akm_fg.perception.config import PerceptionConfig
+from akm_fg.perception.depth.depth_noise import DepthNoiseModel
+from akm_fg.perception.depth.measured_noise import measured_noise
+from akm_fg.perception.observed import ObservedMotion
+from akm_fg.posterior import ArticulationPosterior
+from akm_fg.records import BoolArray, FloatArray, Recording
+from akm_fg.stages import RecordingFit
+
+
+@dataclass(frozen=True, slots=True)
+class FittedRecording:
+    """A recording, what was seen in it, and what that means."""
+
+    recording: Recording
+    observed: ObservedMotion
+    posterior: ArticulationPosterior
+    closed_state: float = 0.0  # where, in its own states, the part is closed
+
+    @staticmethod
+    def of(recording: Recording, fit: RecordingFit, closed_state: float = 0.0) -> FittedRecording:
+        """A recording with its fit."""
+        return FittedRecording(recording, fit.observed, fit.posterior, closed_state)
+
+
+def build_model(
+    fitted: FittedRecording,
+    more: Sequence[FittedRecording] = (),
+    *,
+    name: str = "part-0",
+    limits: StateLimits | None = None,
+    contacts: Sequence[Contact] | None = None,
+    sources: Sequence[str] | None = None,
+    perception: PerceptionConfig | None = None,
+    config: ModelConfig | None = None,
+) -> ObjectModel:
+    """The model of an object with one part that moves.
+
+    Args:
+        fitted: the recording whose posterior is the model's.
+        more: others of the same part and world, whose images add to the surfaces.
+        name: of the part.
+        limits: of the joint, where they were met.
+        contacts: grasps that were tried; if not given, those that the recordings tell of.
+        sources: what the recordings are called; their own names if not given.
+        perception: tuning of the way from images to masks, as the fit had it.
+        config: tuning of the surfaces.
+
+    Raises:
+        InsufficientData: nothing moves in the best fit, or too little of the part was seen.
+    """
+    perception, config = perception or PerceptionConfig(), config or ModelConfig()
+    everything = [fitted, *more]
+    seen = [_seen(each, perception, config) for each in everything]
+    moving = _part_surface(seen, config)
+    if len(moving) < config.least_points:
+        raise InsufficientData(
+            f"{fitted.recording.name}: {len(moving)} points of the part's surface are known; "
+            f"expected {config.least_points} for a model"
+        )
+    static = _static_surface(seen, config)
+    if contacts is None:
+        contacts = [contact for each in everything for contact in _contacts(each)]
+    part = ModelPart(name, fitted.posterior, moving, fitted.closed_state, limits, tuple(contacts))
+    first = fitted.recording.frames[0]
+    names = [each.recording.name for each in everything] if sources is None else sources
+    return ObjectModel((part,), static, first.camera, first.T_world_cam, tuple(names))
+
+
+@dataclass(frozen=True, slots=True)
+class _Seen:
+    """The chosen frames of one recording."""
+
+    fitted: FittedRecording
+    views: list[PartView]
+    noise: DepthNoiseModel
+
+
+def _seen(fitted: FittedRecording, perception: PerceptionConfig, config: ModelConfig) -> _Seen:
+    best, recording = fitted.posterior.best, fitted.recording
+    if best.joint is None or best.states is None:
+        raise InsufficientData(f"{recording.name}: nothing moves; expected a part for a model")
+    q: FloatArray = best.states.mean
+    frames = spread_frames(q, config.frames)
+    if not frames:
+        raise InsufficientData(f"{recording.name}: the part is seen in no frame")
+    observe = perception.observe
+    noise = measured_noise(recording.frames[0], observe.noise, observe.measured_noise)
+    views = part_views(
+        recording,
+        fitted.observed,
+        best.joint,
+        q,
+        fitted.closed_state,
+        frames,
+        noise,
+        perception,
+    )
+    return _Seen(fitted, views, noise)
+
+
+def _part_surface(seen: Sequence[_Seen], config: ModelConfig) -> Surface:
+    """Readings carried back to the closed state, less what frames look through."""
+    found = [
+        readings(view.part, view.moving, each.noise, config) for each in seen for view in each.views
+    ]
+    surface = averaged(found, config.voxel_m)
+    for each in seen:
+        views = [view.part for view in each.views]
+        surface = surface.select(believed(surface, views, each.noise, config))
+    return surface
+
+
+def _static_surface(seen: Sequence[_Seen], config: ModelConfig) -> Surface:
+    """What rests, and which of it is the object's own."""
+    at_rest = [
+        [View(view.part.frame, gtsam.Pose3(), view.part.closed) for view in each.views]
+        for each in seen
+    ]
+    found = [
+        readings(view, part_view.static, each.noise, config)
+        for each, views in zip(seen, at_rest, strict=True)
+        for view, part_view in zip(views, each.views, strict=True)
+    ]
+    surface = averaged(found, config.voxel_m)
+    for each, views in zip(seen, at_rest, strict=True):
+        # The part in front of what rests is no contradiction; what is seen through it is one.
+        surface = surface.select(believed(surface, views, each.noise, config))
+    return replace(surface, on_object=_on_object(surface, seen[0], config))
+
+
+def _on_object(surface: Surface, seen: _Seen, config: ModelConfig) -> BoolArray:
+    """(N,) points that lie where the first frame has the object, on its surface or behind it."""
+    frame = seen.fitted.recording.frames[0]
+    eye = frame.T_world_cam.translation()
+    p_cam = (surface.p_world - eye) @ frame.T_world_cam.rotation().matrix()
+    row, column, inside = pixels(frame, p_cam)
+    return inside & seen.fitted.observed.object_mask[row, column]
+
+
+def _contacts(fitted: FittedRecording) -> list[Contact]:
+    """The grasp of a recording that tells of one, if its state is known."""
+    recording, best = fitted.recording, fitted.posterior.best
+    if recording.T_world_gripper is None or recording.grasp_frames is None:
+        return []
+    assert best.joint is not None and best.states is not None
+    first, last = recording.grasp_frames
+    held = [t for t in range(first, last + 1) if np.isfinite(best.states.mean[t])]
+    if not held:
+        return []
+    state = float(best.states.mean[held[0]])
+    R, t = best.joint.joint.motion(np.array([state, fitted.closed_state]))
+    here, closed = (gtsam.Pose3(gtsam.Rot3(R[i]), t[i]) for i in range(2))
+    T_part_world = closed * here.inverse()
+    return [Contact(T_part_world * recording.T_world_gripper[held[0]], state, succeeded=1)]
