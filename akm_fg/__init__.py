@@ -62,7 +62,8 @@ def fit(
     settings = config or AkmConfig()
     data = read_input(Path(path), frames, ReadOptions(quaternion, unit))
     stages = stages_of(settings)
-    return fit_input(data, str(path), seed, settings.fit, settings.perception, stages)
+    tuning = settings.fit, settings.perception, stages, settings.stream
+    return fit_input(data, str(path), seed, *tuning)
 
 
 def read_recording(folder: str | PathLike[str]) -> Recording:

@@ -11,6 +11,8 @@ from akm_fg.estimation.config import FitConfig
 from akm_fg.model.config import ModelConfig
 from akm_fg.perception.config import PerceptionConfig
 from akm_fg.report.overlay import OverlayConfig
+from akm_fg.stages import ModelSettings
+from akm_fg.stream.config import StreamConfig
 
 
 @dataclass(frozen=True, slots=True)
@@ -29,7 +31,13 @@ class AkmConfig:
     stages: StageNames = field(default_factory=StageNames)
     perception: PerceptionConfig = field(default_factory=PerceptionConfig)
     fit: FitConfig = field(default_factory=FitConfig)
+    stream: StreamConfig = field(default_factory=StreamConfig)
     episode: EpisodeConfig = field(default_factory=EpisodeConfig)
     model: ModelConfig = field(default_factory=ModelConfig)
     overlay: OverlayConfig = field(default_factory=OverlayConfig)
     calibration: CalibrationConfig = field(default_factory=CalibrationConfig)
+
+    @property
+    def model(self) -> ModelSettings:
+        """How frames are modelled, with these settings."""
+        return ModelSettings(self.perception, self.fit, stream=self.stream)

@@ -20,6 +20,7 @@ from akm_fg.perception.observed import ObservedMotion
 from akm_fg.posterior import ArticulationPosterior
 from akm_fg.records import Recording
 from akm_fg.stages import ModelSettings, RecordingFit, Sources, Stages
+from akm_fg.stream.config import StreamConfig
 from akm_fg.stream.seen_so_far import SeenSoFar, hands_of
 from akm_fg.track_parts import fit_parts
 
@@ -37,6 +38,7 @@ def fit_recording(
     states: StateKnowledge | None = None,
     stages: Stages | None = None,
     watched: Watched | None = None,
+    stream: StreamConfig | None = None,
 ) -> RecordingFit:
     """Mask, track and lift frame by frame; then segment, and fit the moving part's joint.
 
@@ -51,6 +53,7 @@ def fit_recording(
         states: what is known of the joint's motion and limits.
         stages: who masks, tracks and estimates; see `akm_fg.stages`.
         watched: is told after each frame how many of how many are done.
+        stream: tuning of the states that are found beside the graph.
 
     Raises:
         TracksLost: no object, or nothing on it could be followed and depth shows no motion.
@@ -58,7 +61,8 @@ def fit_recording(
         AxisUnobservable: no moving kind can be fitted.
     """
     perception, fit_config = perception or PerceptionConfig(), fit_config or FitConfig()
-    settings = ModelSettings(perception, fit_config, sources, states, seed)
+    stream = stream or StreamConfig()
+    settings = ModelSettings(perception, fit_config, sources, states, seed, stream)
     try:
         return _answer(recording, settings, stages, watched)
     except (TracksLost, NoMotionObserved):
@@ -111,9 +115,10 @@ def fit_input(
     config: FitConfig | None = None,
     perception: PerceptionConfig | None = None,
     stages: Stages | None = None,
+    stream: StreamConfig | None = None,
 ) -> ArticulationPosterior:
     """The posterior of any input of `akm-fg fit`; see `observe_and_fit`."""
-    return observe_and_fit(data, name, seed, config, perception, stages).posterior
+    return observe_and_fit(data, name, seed, config, perception, stages, stream=stream).posterior
 
 
 def observe_and_fit(
@@ -124,6 +129,7 @@ def observe_and_fit(
     perception: PerceptionConfig | None = None,
     stages: Stages | None = None,
     watched: Watched | None = None,
+    stream: StreamConfig | None = None,
 ) -> InputFit:
     """The posterior of any input of `akm-fg fit`, and of a recording what was seen.
 
@@ -135,13 +141,16 @@ def observe_and_fit(
         perception: of a recording, tuning of the way from images to tracks and surfaces.
         stages: of a recording, who masks, tracks and estimates.
         watched: of a recording, is told after each frame how many of how many are done.
+        stream: of a recording, tuning of the states that are found beside the graph.
 
     Raises:
         InsufficientData: the data are sound but do not suffice.
     """
     if isinstance(data, Recording):
         recording = replace(data, name=name)
-        fit = fit_recording(recording, seed, perception, config, stages=stages, watched=watched)
+        fit = fit_recording(
+            recording, seed, perception, config, stages=stages, watched=watched, stream=stream
+        )
         return InputFit(fit.posterior, fit.observed)
     if isinstance(data, TracksInput):
         posterior = fit_parts(data.tracks, name, data.noise_known, seed, config)

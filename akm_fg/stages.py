@@ -16,6 +16,7 @@ from akm_fg.perception.config import PerceptionConfig
 from akm_fg.perception.observed import ObservedMotion
 from akm_fg.posterior import ArticulationPosterior
 from akm_fg.records import Recording
+from akm_fg.stream.config import StreamConfig
 
 Sources = Literal["tracks", "surface", "both"]
 
@@ -37,6 +38,7 @@ class ModelSettings:
     sources: Sources = "both"  # what enters the graph: tracks, the surfaces of keyframes, or both
     states: StateKnowledge | None = None  # what is known of the joint's motion and limits
     seed: int = 0  # of whatever is sampled
+    stream: StreamConfig = field(default_factory=StreamConfig)
 
 
 class JointEstimator(Protocol):

@@ -177,7 +177,7 @@ def _fit_one(batch: _Batch, index: int) -> ArticulationPosterior:
     options = ReadOptions(arguments.quaternion, arguments.unit)
     data = read_input(path, arguments.frames, options)
     watched, settings = batch.progress.watched, (config.fit, config.perception, batch.stages)
-    fit = pipeline.observe_and_fit(data, str(path), seed, *settings, watched)
+    fit = pipeline.observe_and_fit(data, str(path), seed, *settings, watched, config.stream)
     if batch.folders is not None:
         from akm_fg.cli.fitting.folder import write_folder
 

@@ -21,7 +21,7 @@ from akm_fg.io.recording_writer import RecordingWriter
 from akm_fg.looks import Look
 from akm_fg.records import JointTruth
 from akm_fg.report.summary import ArmRecord, Goal, PartTracks, RunSummary
-from akm_fg.stages import ModelSettings, Stages
+from akm_fg.stages import Stages
 from akm_fg.stream.frame_stream import FrameStream
 from factors.joint import JointKind
 from sim.episode import SimEpisode, open_world
@@ -118,14 +118,13 @@ def run_in_simulator(
     thing = request.object
     name = f"{thing.title}, seed {request.seed}"
     config, recording = request.config, request.folder / RECORDING
-    settings = ModelSettings(config.perception, config.fit)
     with _opened(request) as world, RecordingWriter(recording) as writer:
         reporter = _Reporter(writer, world, observer)
         # The recording's name is what `akm-fg fit` calls it, so that the posteriors are the same.
         contact = world.T_world_grasp, world.pull_direction_world
         task = Task(str(recording), *contact, request.target)
         try:
-            stream = FrameStream(task.name, settings, request.stages)
+            stream = FrameStream(task.name, config.model, request.stages)
             run_episode(world.arm, world.camera, task, episode, reporter, config.episode, stream)
         except KeyboardInterrupt:
             interrupted = True
@@ -198,6 +197,7 @@ def _replay(request: RunRequest, episode: Episode) -> str:
     part = states is not None and len(states.mean) < len(episode.looks)
     frames = f" --frames {len(states.mean)}" if states is not None and part else ""
     config, usual = request.config, AkmConfig()
-    same = all(getattr(config, x) == getattr(usual, x) for x in ("stages", "perception", "fit"))
+    read_by_fit = ("stages", "perception", "fit", "stream")
+    same = all(getattr(config, x) == getattr(usual, x) for x in read_by_fit)
     settings = "" if same else f" --config {request.folder / CONFIG}"
     return f"akm-fg fit {request.folder / RECORDING}{frames}{settings} --json -"

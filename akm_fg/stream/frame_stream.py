@@ -14,6 +14,7 @@ import numpy as np
 
 from akm_fg.errors import InsufficientData
 from akm_fg.estimation.between_kinds.weighed_kinds import FittedKinds
+from akm_fg.estimation.config import FitConfig
 from akm_fg.estimation.fit import one_blas_thread
 from akm_fg.estimation.sources.state_knowledge import StateKnowledge
 from akm_fg.estimation.stream.incremental import IncrementalFit
@@ -24,15 +25,9 @@ from akm_fg.records import BoolArray, RgbdFrame
 from akm_fg.stages import ModelSettings, RecordingFit, Stages
 from akm_fg.steps import Steps, every
 from akm_fg.stream.seen_so_far import Hand, SeenSoFar
-from akm_fg.stream.surface_state import HeldSurface, SurfaceStateConfig
+from akm_fg.stream.surface_state import HeldSurface
 
 __all__ = ["FrameStream", "FrameUpdate"]
-
-# A comparison with surfaces has fifty pieces: with less growth one would follow on the other.
-STREAM = IncrementalConfig(pieces_to_solve=2, growth_to_compare=0.5)
-SURFACE_STATE = SurfaceStateConfig()
-FRAMES_A_PIECE = 20  # of fewer frames, several pieces of a comparison cost what one of so many does
-LEAST_FRAMES = 10  # before depth is asked where tracks show no motion: it takes as many pieces
 
 
 class FrameStream:
@@ -40,10 +35,9 @@ class FrameStream:
 
     Args:
         name: of the posterior, and in messages.
-        settings: how the frames are modelled.
+        settings: how the frames are modelled, and how often what came is thought over.
         stages: who masks, tracks and estimates; an estimator that is handed in is asked by
             `posterior` alone.
-        config: how much is kept for the updates, and how often it is thought over.
     """
 
     def __init__(
@@ -51,7 +45,6 @@ class FrameStream:
         name: str = "stream",
         settings: ModelSettings | None = None,
         stages: Stages | None = None,
-        config: IncrementalConfig | None = None,
     ) -> None:
         settings = settings or ModelSettings()
         one_blas_thread()  # looks through all libraries once: not in the first frame's time
@@ -59,9 +52,10 @@ class FrameStream:
         self._thinking = IncrementalFit(
             name,
             seed=settings.seed,
-            config=replace(config or STREAM, fit=settings.fit),
+            config=_within(settings.stream.thinking, settings.fit),
             systematic_m=settings.fit.camera_systematic_m,
             compare=_comparing(self._seen),
+            fit=settings.fit,
         )
         self._lead: LeadingKind | None = None  # that the surface below is of
         self._surface: HeldSurface | None = None
@@ -90,17 +84,17 @@ class FrameStream:
 
     def _by_surface(self, update: FrameUpdate, frame: RgbdFrame) -> FrameUpdate:
         """With the state that the part's surface tells, where tracks tell none."""
-        lead = self._thinking.lead
+        lead, config = self._thinking.lead, self._seen.settings.stream.surface_state
         if lead is None:
             return update
         if lead is not self._lead:
             self._lead = lead
-            self._surface = HeldSurface.of(lead.fit, lead.problem.sources, SURFACE_STATE)
+            self._surface = HeldSurface.of(lead.fit, lead.problem.sources, config)
             self._state = float(lead.fit.q[-1])
         if self._surface is None:
             return update
         noise = self._seen.settings.perception.observe.noise
-        found = self._surface.state(frame, noise, self._state, SURFACE_STATE)
+        found = self._surface.state(frame, noise, self._state, config)
         if found is None:
             return update
         self._state = found[0]
@@ -117,6 +111,11 @@ class FrameStream:
         return self._seen.answer()
 
 
+def _within(thinking: IncrementalConfig, fit: FitConfig) -> IncrementalConfig:
+    """With no more keyframes than a graph of the fit takes."""
+    return replace(thinking, max_keyframes=min(thinking.max_keyframes, fit.max_frames))
+
+
 def _comparing(seen: SeenSoFar) -> Compare:
     """Compares the kinds by all that was seen, as it is when a comparison begins.
 
@@ -124,13 +123,13 @@ def _comparing(seen: SeenSoFar) -> Compare:
     """
 
     def compare(led: bool) -> Steps[Comparison]:
-        numbers, soon = seen.numbers, not led
-        together = max(1, FRAMES_A_PIECE // numbers.size)
+        numbers, soon, config = seen.numbers, not led, seen.settings.stream
+        together = max(1, config.frames_a_piece // numbers.size)
         if soon:
             try:
                 estimate = yield from every(together, seen.estimate_in_steps("tracks"))
             except InsufficientData:  # depth may show what tracks do not
-                if numbers.size < LEAST_FRAMES:
+                if numbers.size < config.least_frames:
                     raise
                 numbers, soon = seen.numbers, False
         if not soon:

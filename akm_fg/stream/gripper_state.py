@@ -8,6 +8,7 @@ noise. A hand that is off the part's way by more has slipped, or lets go: it tel
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -16,15 +17,24 @@ from akm_fg.posterior import ArticulationPosterior
 from akm_fg.records import FloatArray
 from factors.joint import Joint
 
-_LEAST_FRAMES = 3  # known ones in the hold, that say where the hand sits
 _MAD_TO_SD = 1.4826
-_SIGMAS = 4.0  # that a hand may be off the part's way
 _STEPS = 8  # of Gauss-Newton on one state
 _STEP = 1e-6  # of the state, for the way's direction
 
 
+@dataclass(frozen=True, slots=True)
+class GripperStateConfig:
+    """When the hand is believed."""
+
+    least_frames: int = 3  # known ones in the hold, that say where the hand sits
+    sigmas: float = 4.0  # that a hand may be off the part's way
+
+
 def with_gripper_states(
-    posterior: ArticulationPosterior, hands_world: Mapping[int, FloatArray], grasp: GraspConfig
+    posterior: ArticulationPosterior,
+    hands_world: Mapping[int, FloatArray],
+    grasp: GraspConfig,
+    config: GripperStateConfig | None = None,
 ) -> ArticulationPosterior:
     """With the best kind's states in frames that nothing but the hand tells of.
 
@@ -32,14 +42,15 @@ def with_gripper_states(
         posterior: its states are NaN where the part was not seen.
         hands_world: (3,) of the gripper by the frames in which it holds.
         grasp: its noise.
+        config: tuning.
     """
-    best = posterior.best
+    config, best = config or GripperStateConfig(), posterior.best
     if best.joint is None or best.states is None:
         return posterior
     joint, states = best.joint.joint, best.states
     seen = [k for k in sorted(hands_world) if np.isfinite(states.mean[k])]
     hidden = [k for k in sorted(hands_world) if not np.isfinite(states.mean[k])]
-    if len(seen) < _LEAST_FRAMES or not hidden:
+    if len(seen) < config.least_frames or not hidden:
         return posterior
     in_part = np.array([_back(joint, states.mean[k], hands_world[k]) for k in seen])
     x = np.median(in_part, axis=0)
@@ -51,7 +62,7 @@ def with_gripper_states(
         return posterior  # the hand sits on the axis: it turns and does not move
     noise = max(_MAD_TO_SD * float(np.median(np.abs(along))), grasp.sigma_trans_m / metres)
     off = _MAD_TO_SD * float(np.median([across for _, across, _ in own]))
-    limit_m = _SIGMAS * max(off, grasp.sigma_trans_m)
+    limit_m = config.sigmas * max(off, grasp.sigma_trans_m)
     told = np.array(seen)
     for k in hidden:
         q, across, _ = _solved(joint, x, hands_world[k], float(np.interp(k, told, mean[told])))

@@ -183,7 +183,9 @@ class SeenSoFar:
             estimate = replace(estimate, fitted=fitted, observed=observed)
         images = dict(zip(numbers.tolist(), self._observer.kept.frames, strict=True))
         noise = self.settings.perception.observe.noise
-        posterior = with_surface_states(estimate.posterior(), estimate.fitted, images, noise)
+        posterior = with_surface_states(
+            estimate.posterior(), estimate.fitted, images, noise, self.settings.stream.surface_state
+        )
         return RecordingFit(estimate.observed, self._by_hand(posterior))
 
     def _by_hand(self, posterior: ArticulationPosterior) -> ArticulationPosterior:
@@ -193,7 +195,7 @@ class SeenSoFar:
             return posterior
         held = range(self._grasp[0], self._grasp[1] + 1)
         hands = {k: hand.T_world_gripper.translation() for k in held if (hand := self._hands[k])}
-        return with_gripper_states(posterior, hands, grasp)
+        return with_gripper_states(posterior, hands, grasp, self.settings.stream.gripper_state)
 
     def _given(self, estimator: JointEstimator) -> RecordingFit:
         """By another estimator; frames that are not kept have no state."""

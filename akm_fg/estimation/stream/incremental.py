@@ -15,6 +15,7 @@ import numpy as np
 
 from akm_fg.errors import InsufficientData, TracksLost
 from akm_fg.estimation.between_kinds.weighed_kinds import joint_posterior
+from akm_fg.estimation.config import FitConfig
 from akm_fg.estimation.fit import one_blas_thread
 from akm_fg.estimation.stream.keyframes import Keyframes, StreamFrame
 from akm_fg.estimation.stream.kind_comparison import (
@@ -25,7 +26,11 @@ from akm_fg.estimation.stream.kind_comparison import (
     compare_kinds,
 )
 from akm_fg.estimation.stream.leading_kind import LeadingKind
-from akm_fg.estimation.stream.stream_records import FrameUpdate, IncrementalConfig
+from akm_fg.estimation.stream.stream_records import (
+    LEAST_KEYFRAMES,
+    FrameUpdate,
+    IncrementalConfig,
+)
 from akm_fg.estimation.stream.stream_tracks import StreamTracks
 from akm_fg.geometry.rigid_motion import MIN_POINTS
 from akm_fg.posterior import ArticulationPosterior
@@ -47,13 +52,14 @@ class IncrementalFit:
         name: of the stream, for the result.
         noise_known: False when the covariances are only nominal and the level must be found.
         seed: of the consensus sampling.
-        config: tuning.
+        config: how much is kept, and how often it is thought over.
         systematic_m: see `fit_tracks`.
         compare: fits all kinds when enough has come in; from the keyframes if not given. Whoever
             knows more than tracks (the part's surface, what rests) hands in his own.
+        fit: how kinds are fitted.
 
     Raises:
-        ValueError: more keyframes than the graph of a fit takes, or fewer than three.
+        ValueError: more keyframes than the graph of a fit takes.
     """
 
     def __init__(
@@ -64,16 +70,21 @@ class IncrementalFit:
         config: IncrementalConfig | None = None,
         systematic_m: float = 0.0,
         compare: Compare | None = None,
+        fit: FitConfig | None = None,
     ) -> None:
         self._config = config = config or IncrementalConfig()
-        if not 3 <= config.max_keyframes <= config.fit.max_frames:
+        fit = fit or FitConfig()
+        if config.max_keyframes > fit.max_frames:
             raise ValueError(
-                f"max_keyframes {config.max_keyframes}, expected 3 to {config.fit.max_frames}"
+                f"max_keyframes {config.max_keyframes}, "
+                f"expected {LEAST_KEYFRAMES} to {fit.max_frames}"
             )
         self._keyframes = Keyframes(
-            config.max_keyframes, config.max_pooled, config.fit.rigid_motion.inlier_sigmas
+            config.max_keyframes, config.max_pooled, fit.rigid_motion.inlier_sigmas
         )
-        self._settings = StreamSettings(name, noise_known, seed, systematic_m, config.fit)
+        self._settings = StreamSettings(
+            name, noise_known, seed, systematic_m, fit, config.pieces_together
+        )
         self._given = compare
         self._tracks = StreamTracks(config.max_tracks)
         self._version = 0  # of the keyframes

@@ -23,8 +23,6 @@ from akm_fg.steps import Steps, every
 from factors.measurements.track_cost import TrackObservations
 from factors.measurements.track_information import state_step
 
-_PIECES = 2  # of tracks alone, that are done in one frame: tracks end while kinds are compared
-
 
 @dataclass(frozen=True, slots=True)
 class StreamSettings:
@@ -35,6 +33,7 @@ class StreamSettings:
     seed: int
     systematic_m: float
     config: FitConfig
+    pieces_together: int  # of comparing, without a pause
 
 
 @dataclass(frozen=True, slots=True)
@@ -101,7 +100,7 @@ def compare_kinds(snapshot: Snapshot, settings: StreamSettings) -> Steps[Compari
     yield
     source = replace(problem.tracks, systematic_m=settings.systematic_m)
     problem = problem.with_source(source)
-    fitted = yield from every(_PIECES, fit_in_steps(problem, began))
+    fitted = yield from every(settings.pieces_together, fit_in_steps(problem, began))
     k = problem.keyframes
     return Comparison(
         fitted,

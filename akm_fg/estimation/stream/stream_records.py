@@ -2,17 +2,17 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
-from akm_fg.estimation.config import FitConfig
 from akm_fg.posterior import JointPosterior, NamedKind
+
+LEAST_KEYFRAMES = 3  # the first one stays, and two others may become one
 
 
 @dataclass(frozen=True, slots=True)
 class IncrementalConfig:
     """How much is kept, and how often it is thought over."""
 
-    fit: FitConfig = field(default_factory=FitConfig)
     max_keyframes: int = 40  # a graph of so many is solved on within half a camera's period
     max_pooled: int = 16  # frames that a keyframe may stand for
     max_tracks: int = 400  # beyond them, those lost are forgotten, the least seen first
@@ -21,6 +21,18 @@ class IncrementalConfig:
     growth_to_solve: float = 0.05  # share of new frames after which the leading kind is solved on
     pieces_to_solve: int = 1  # of a comparison that is under way, between two times of solving on
     growth_to_compare: float = 0.15  # and after which all kinds are compared again
+    pieces_together: int = 2  # of comparing by tracks alone, in a frame: tracks end meanwhile
+
+    def __post_init__(self) -> None:
+        if self.max_keyframes < LEAST_KEYFRAMES:
+            raise ValueError(
+                f"max_keyframes {self.max_keyframes}, expected at least {LEAST_KEYFRAMES}"
+            )
+        least_one = (self.max_pooled, self.pieces_to_solve, self.pieces_together)
+        if min(least_one) < 1:
+            raise ValueError(
+                f"max_pooled, pieces_to_solve, pieces_together {least_one}, expected at least 1"
+            )
 
 
 @dataclass(frozen=True, slots=True)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import tomllib
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -15,6 +16,8 @@ from akm_fg.cli.main import main
 from akm_fg.config import AkmConfig
 from akm_fg.io.config_file import read_config, write_config
 from akm_fg.io.recording import write_recording
+from akm_fg.records import Recording
+from akm_fg.stream.frame_stream import FrameStream
 
 
 @pytest.fixture
@@ -56,6 +59,50 @@ def test_perception_is_tuned_by_the_file_too(door, tmp_path: Path, capfd):
     plain = fitted(tmp_path / "door", tmp_path / "plain.jsonl")
     few = fitted(tmp_path / "door", tmp_path / "few.jsonl", "--config", str(mine))
     assert few["fit"]["tracks_used"] < plain["fit"]["tracks_used"]
+
+
+def test_a_stream_is_tuned_by_the_file_too(drawer, tmp_path: Path):
+    mine, whole = tmp_path / "mine.toml", tmp_path / "whole.toml"
+    mine.write_text("[stream.thinking]\nmax_keyframes = 4\nresting_keyframes = 9\n")
+    config = read_config(mine, AkmConfig())
+    kept = []
+    for settings in (AkmConfig().model, config.model):
+        stream = FrameStream("clip", settings)
+        kept.append([stream.add(frame).keyframes for frame in drawer.frames[:8]][-1])
+    assert kept == [8, 4]
+    write_config(whole, config)
+    thinking = tomllib.loads(whole.read_text())["stream"]["thinking"]
+    assert (thinking["max_keyframes"], thinking["growth_to_compare"]) == (4, 0.5)
+    assert read_config(whole, AkmConfig()) == config
+
+
+def test_states_beside_the_graph_are_tuned_by_the_file_too(door, tmp_path: Path, capfd):
+    """Of a door without texture, whose graph takes six frames of fifteen."""
+    plain = tuple(replace(f, rgb=np.full_like(f.rgb, 120)) for f in door.frames)
+    write_recording(tmp_path / "door", Recording("door", plain))
+    mine = tmp_path / "mine.toml"
+    mine.write_text("fit.surface.keyframes_alone = 6\nstream.surface_state.least_share = 1.1")
+    few = fitted(tmp_path / "door", tmp_path / "few.jsonl", "--config", str(mine))
+    known = [k for k, q in enumerate(few["states"]["mean"]) if q is not None]
+    assert len(known) == 6 and known == few["fit"]["keyframes_registered"]
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("thinking.max_keyframe = 4", "is no setting; expected stream.thinking.max_keyframes"),
+        ("surfaces = 4", "is no setting; expected"),
+        ("thinking.max_keyframes = 2", "max_keyframes 2; expected at least 3"),
+        ("thinking.pieces_together = 0", "expected at least 1"),
+        ("frames_a_piece = 1.5", "is of the wrong type; expected a whole number"),
+    ],
+)
+def test_what_no_stream_can_be_tuned_with_is_one_line(text, said, tracks, tmp_path, capfd):
+    mine = tmp_path / "mine.toml"
+    mine.write_text(f"[stream]\n{text}")
+    assert main(["fit", str(tracks), "--config", str(mine)]) == 2
+    told = capfd.readouterr().err
+    assert len(told.splitlines()) == 1 and f"stream.{text.split(' ')[0]}" in told and said in told
 
 
 def test_flags_go_before_the_file(tracks: Path, tmp_path: Path, capfd):

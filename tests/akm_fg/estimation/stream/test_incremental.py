@@ -25,9 +25,9 @@ GAUSSIAN = replace(
 )
 
 
-def _fed(tracks, config=None, frames=slice(None)):
+def _fed(tracks, config=None, frames=slice(None), fit_config=None):
     """A fit that was given these frames, and what it said after each."""
-    fit = IncrementalFit(config=config)
+    fit = IncrementalFit(config=config, fit=fit_config)
     pairs = zip(tracks.p_world[frames], tracks.cov_world[frames], strict=True)
     return fit, [fit.add(p, cov) for p, cov in pairs]
 
@@ -64,7 +64,7 @@ def stream(request, opening):
 def test_frames_that_are_all_keyframes_give_what_fit_tracks_gives(kind, opening):
     truth = opening(4, kind, frames=15, noise_m=3e-4, claimed_m=3e-4)
     config = replace(FitConfig(), rigid_motion=RigidMotionConfig(inlier_sigmas=100.0))
-    fit, _ = _fed(truth.tracks, IncrementalConfig(config))
+    fit, _ = _fed(truth.tracks, fit_config=config)
     assert fit.keyframes == tuple(range(15))
     # The last keyframe may have been comparing's turn: it is solved for a frame later.
     joint = fit.add(np.full_like(truth.tracks.p_world[0], np.nan), truth.tracks.cov_world[0]).joint
@@ -92,7 +92,7 @@ def test_pooled_frames_give_what_fit_tracks_gives_on_the_averages(stream):
 def test_averaging_fifty_frames_into_twelve_loses_next_to_nothing(kind, opening):
     """A batch fit of twelve of them would be twice as vague."""
     truth = opening(11, kind, frames=50)
-    fit, updates = _fed(truth.tracks, IncrementalConfig(GAUSSIAN, max_keyframes=12))
+    fit, updates = _fed(truth.tracks, IncrementalConfig(max_keyframes=12), fit_config=GAUSSIAN)
     got, want = fit.posterior().best.joint, fit_tracks(truth.tracks, config=GAUSSIAN).best.joint
     assert _apart_in_sd(got, want) < 0.25
     # While kinds are compared, pooled frames wait: up to eight of the fifty.
@@ -103,7 +103,7 @@ def test_averaging_fifty_frames_into_twelve_loses_next_to_nothing(kind, opening)
 def test_frames_are_moved_along_the_joint_before_they_are_averaged(opening):
     """Eight keyframes on a way of ninety degrees: what becomes one was centimetres apart."""
     truth = opening(12, "revolute", travel=np.pi / 2, frames=50)
-    fit, _ = _fed(truth.tracks, IncrementalConfig(GAUSSIAN, max_keyframes=8))
+    fit, _ = _fed(truth.tracks, IncrementalConfig(max_keyframes=8), fit_config=GAUSSIAN)
     got, want = fit.posterior().best.joint, fit_tracks(truth.tracks, config=GAUSSIAN).best.joint
     assert _apart_in_sd(got, want) < 0.4
     assert_allclose(got.axis_sd_rad, want.axis_sd_rad, rtol=0.06)
@@ -322,7 +322,7 @@ def test_what_is_kept_stays_the_same_size(stream):
 def test_who_compares_may_be_handed_in_and_asks_for_more_at_once(opening):
     """First by a part of what is known, then by the whole; and the frames are its own."""
     truth, asked = opening(4, "prismatic", frames=30), []
-    settings = StreamSettings("given", True, 0, 0.0, FitConfig())
+    settings = StreamSettings("given", True, 0, 0.0, FitConfig(), 2)
 
     def compare(led):
         asked.append(led)
