@@ -8,7 +8,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from akm_fg.calibrated import calibrated
 from akm_fg.errors import InsufficientData, NoMotionObserved, TracksLost
 from akm_fg.estimation.config import FitConfig
 from akm_fg.estimation.fit import fit_poses
@@ -80,18 +79,14 @@ def _answer(
     recording: Recording, settings: ModelSettings, stages: Stages | None, watched: Watched | None
 ) -> RecordingFit:
     """Watch to the end, then ask."""
-    seen = SeenSoFar(recording.name, settings, stages)
+    seen = SeenSoFar(recording.name, settings, stages, recording.calibration)
     masks = recording.object_masks or [None] * len(recording.frames)
     hands = hands_of(recording)
     for i, (frame, hand, mask) in enumerate(zip(recording.frames, hands, masks, strict=True), 1):
         seen.watch(frame, hand, mask)
         if watched is not None:
             watched(i, len(recording.frames))
-    fit = seen.answer()
-    if recording.calibration is None:
-        return fit
-    T_world_cam = recording.frames[0].T_world_cam
-    return replace(fit, posterior=calibrated(fit.posterior, recording.calibration, T_world_cam))
+    return seen.answer()
 
 
 @dataclass(frozen=True, slots=True)

@@ -80,25 +80,34 @@ class CalibrationErrors:
     """What is not known of a camera: Gaussian errors, the same in all frames of a recording.
 
     The true place is T_world_cam Exp(eta), eta ~ N(0, cov_world_cam), rotation first; true focal
-    lengths are (1 + N(0, focal_sd^2)) times those given; a true depth is (1 + N(0, scale^2)) times
-    the one measured, plus N(0, bias^2).
+    lengths are (1 + N(0, focal_sd^2)) times those given, and true fx, fy, cx, cy are besides
+    N(0, cov_intrinsics) more; a true depth is (1 + N(0, scale^2)) times the one measured, plus
+    N(0, bias^2).
     """
 
     cov_world_cam: FloatArray  # (6, 6) rad, m
     focal_sd: float = 0.0  # relative
     depth_scale_sd: float = 0.0  # relative
     depth_bias_sd_m: float = 0.0
+    cov_intrinsics: FloatArray | None = None  # (4, 4) px^2, of fx, fy, cx, cy
 
     def __post_init__(self) -> None:
-        cov = self.cov_world_cam
-        _require(cov.shape == (6, 6), f"cov_world_cam {cov.shape}, expected (6, 6)")
-        _require(bool(np.isfinite(cov).all()), "cov_world_cam must be finite")
-        _require(np.allclose(cov, cov.T, rtol=1e-6, atol=0), "cov_world_cam must be symmetric")
-        least, most = np.linalg.eigvalsh(cov)[[0, -1]]
-        _require(least >= -1e-9 * max(float(most), 1e-300), "cov_world_cam must be no less than 0")
+        _require_covariance("cov_world_cam", self.cov_world_cam, 6)
+        if self.cov_intrinsics is not None:
+            _require_covariance("cov_intrinsics", self.cov_intrinsics, 4)
         numbers = (self.focal_sd, self.depth_scale_sd, self.depth_bias_sd_m)
         good = bool(np.isfinite(numbers).all()) and min(numbers) >= 0
         _require(good, f"standard deviations {numbers} must be finite and no less than 0")
+
+
+def _require_covariance(name: str, cov: FloatArray, n: int) -> None:
+    _require(cov.shape == (n, n), f"{name} {cov.shape}, expected {(n, n)}")
+    _require(bool(np.isfinite(cov).all()), f"{name} must be finite")
+    # Rounding on the way to text is relative to the variances, not to a small covariance.
+    rounding = 1e-9 * float(np.abs(cov).max())
+    _require(np.allclose(cov, cov.T, rtol=1e-6, atol=rounding), f"{name} must be symmetric")
+    least, most = np.linalg.eigvalsh(cov)[[0, -1]]
+    _require(least >= -1e-9 * max(float(most), 1e-300), f"{name} must be no less than 0")
 
 
 @dataclass(frozen=True, slots=True)

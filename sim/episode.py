@@ -8,10 +8,11 @@ from dataclasses import dataclass, replace
 
 import gtsam
 
-from akm_fg.records import FloatArray, JointTruth
+from akm_fg.records import CalibrationErrors, FloatArray, JointTruth
 from sim.camera.camera import CameraConfig, SimCamera
 from sim.camera.mirror import Scene
 from sim.camera.noise import NOISE_LEVELS
+from sim.camera.rig import PERFECT, DrawnRig, RigErrors
 from sim.camera.views import ViewConfig, camera_pose
 from sim.objects.imported.imported_spec import ImportOptions
 from sim.robot.franka import SimFranka
@@ -28,10 +29,17 @@ class SimEpisode:
     camera: SimCamera
     T_world_grasp: gtsam.Pose3  # the given contact: a grasp of the closed handle
     pull_direction_world: FloatArray  # (3,) unit, out of the front
+    rig: DrawnRig  # how camera and arm err. For scoring alone
+    calibration: CalibrationErrors | None  # how they may err, as the robot knows; None: not at all
 
     def truth(self) -> JointTruth:
         """The true joint and its state now. For scoring alone."""
         return self.world.truth()
+
+    def true_T_world_gripper(self) -> gtsam.Pose3:
+        """Where the gripper is, whatever the arm takes itself for. For scoring alone."""
+        q = self.arm.measured_joints()[0] - self.rig.joint_offsets_rad
+        return self.world.kinematics.T_world_gripper(q)
 
 
 @contextmanager
@@ -47,6 +55,7 @@ def open_world(
     camera_config: CameraConfig | None = None,
     view: ViewConfig | None = None,
     scene: Scene | None = None,
+    rig: RigErrors | None = None,
 ) -> Iterator[SimEpisode]:
     """Opens the simulated world of one object and closes it again.
 
@@ -62,6 +71,7 @@ def open_world(
         camera_config: image size, rendering and noise.
         view: where the camera stands.
         scene: draws the pictures; found by trial if absent (`sim.camera.rendering`).
+        rig: how large the errors of camera and arm are, which the seed draws; none if absent.
 
     Raises:
         ValueError: no such object or noise level.
@@ -74,12 +84,15 @@ def open_world(
     if noise is not None:
         config = replace(config, noise=NOISE_LEVELS[noise])
     with SimWorld(object_name, seed, world_config, joint=joint, options=import_options) as world:
-        arm = SimFranka(world, franka_config)
+        rig = rig or PERFECT
+        drawn = rig.drawn(seed)
+        calibration = None if rig == PERFECT else rig.calibration()
+        arm = SimFranka(world, franka_config, drawn.joint_offsets_rad)
         T_world_cam = camera_pose(world, view or ViewConfig())
-        camera = SimCamera(world, T_world_cam, seed, config, scene)
+        camera = SimCamera(world, T_world_cam, seed, config, scene, drawn)
         grasp = world.placement.T_world_grasp
         outwards = -world.placement.T_world_object.rotation().matrix()[:, 1]  # y is into it
         try:
-            yield SimEpisode(world, arm, camera, grasp, outwards)
+            yield SimEpisode(world, arm, camera, grasp, outwards, drawn, calibration)
         finally:
             camera.close()

@@ -16,27 +16,30 @@ import pytest
 pytest.importorskip("pybullet", reason="the simulator is not installed")
 
 from akm_fg.cli.demo import DemoArguments, demo, run_demo, wanted_state
-from akm_fg.cli.demo_config import DemoConfig, SimulatorConfig
+from akm_fg.cli.demo_config import DemoConfig, SimulatorConfig, demo_config
 from akm_fg.cli.main import main
 from akm_fg.closed_loop import EpisodeConfig
 from akm_fg.estimation.config import FitConfig
-from akm_fg.io.config_file import read_config
+from akm_fg.io.config_file import read_config, write_config
 from akm_fg.io.recording import read_recording, read_truth
 from akm_fg.perception.config import PerceptionConfig
 from akm_fg.perception.observe import ObserveConfig
 from akm_fg.perception.tracking.seeding import SeedingConfig
 from akm_fg.report.summary import RunSummary
 from sim.camera.camera import CameraConfig
+from sim.camera.rig import PERFECT, RigErrors
 
 SMALL = DemoConfig(
     episode=EpisodeConfig(pull_m=0.08, pull_tick_s=0.2, move_tick_s=0.4),
     sim=SimulatorConfig(camera=CameraConfig().scaled(0.5)),
 )
+ERRING = replace(SMALL.sim, rig=RigErrors())
 SEEDING = SeedingConfig(number=250)
 TUNED = replace(
     SMALL,
     fit=FitConfig(dof=5.0),
     perception=PerceptionConfig(observe=ObserveConfig(seeding=SEEDING)),
+    sim=ERRING,
 )
 
 
@@ -75,7 +78,7 @@ def drawer(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def door(tmp_path_factory):
-    """With settings of its own."""
+    """With settings of its own, and a rig that errs."""
     return ran_demo("door", "25deg", 0, tmp_path_factory.mktemp("door"), TUNED)
 
 
@@ -122,6 +125,12 @@ def test_the_settings_that_a_run_writes_are_its_own_and_give_its_posterior(door,
     again = fitted(door.folder / "recording", "--config", str(written))
     assert digits(again) == digits(door.json["posterior"])
     assert digits(fitted(door.folder / "recording")) != digits(again)
+    told, errors = (
+        read_recording(door.folder / "recording").calibration,
+        TUNED.sim.rig.calibration(),
+    )
+    np.testing.assert_array_equal(told.cov_world_cam, errors.cov_world_cam)
+    assert again["joint"]["axis_sd_deg"] > 0.1  # of the hand-eye calibration alone
     assert f"recording --config {written} --json -" in (door.folder / "report.html").read_text()
 
 
@@ -152,8 +161,9 @@ RUN = """
 import sys
 from pathlib import Path
 from akm_fg.cli.demo import DemoArguments, demo
-from akm_fg.cli.demo_config import DemoConfig, SimulatorConfig
+from akm_fg.cli.demo_config import DemoConfig, SimulatorConfig, demo_config
 from sim.camera.camera import CameraConfig
+from sim.camera.rig import PERFECT, RigErrors
 
 arguments = DemoArguments("door", seed=5, out=Path(sys.argv[1]))
 demo(arguments, DemoConfig(sim=SimulatorConfig(camera=CameraConfig().scaled(0.5))))
@@ -227,6 +237,17 @@ class Ranged:
 def test_a_target_that_is_not_given_lies_within_the_range(kind, upper, expected):
     found = wanted_state(DemoArguments(), None, Ranged(kind, upper))
     assert found == {kind: pytest.approx(expected)}
+
+
+def test_rig_errors_are_a_flag_whatever_else_a_file_says(tmp_path):
+    file = tmp_path / "c.toml"
+    usual = DemoArguments(rig_errors=True)
+    assert demo_config(usual).sim.rig == RigErrors()
+    assert demo_config(DemoArguments()).sim.rig == PERFECT
+    write_config(file, DemoConfig())
+    assert demo_config(replace(usual, config=file)).sim.rig == RigErrors()
+    file.write_text("sim.rig.focal = 0.01")
+    assert demo_config(replace(usual, config=file)).sim.rig == RigErrors(focal=0.01)
 
 
 def test_a_target_of_the_wrong_unit_is_refused(capfd):

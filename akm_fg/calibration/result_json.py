@@ -66,7 +66,9 @@ def pose_sd(cov: FloatArray) -> dict[str, list[float]]:
 
 
 def write_into_recording(folder: Path, result: HandEyeCalibration) -> None:
-    """Put camera and T_world_cam into a recording's description; everything else stays.
+    """Put camera, T_world_cam and their covariances into a recording's description.
+
+    Everything else stays, what is said of the depth's errors too.
 
     Raises:
         ValueError: the calibration is of a camera in the gripper, or has distortion.
@@ -85,7 +87,13 @@ def write_into_recording(folder: Path, result: HandEyeCalibration) -> None:
         **fields.values,
         "camera": camera,
         "T_world_cam": result.T_mount_cam.matrix().tolist(),
+        "cov_world_cam": result.T_mount_cam_cov.tolist(),
+        "cov_intrinsics": result.intrinsics_cov[:4, :4].tolist(),
     }
+    if fields.has("calibration"):
+        of_depth = fields.table("calibration", "an object").values
+        replaced = ("cov_world_cam", "focal_sd")
+        described["calibration"] = {k: v for k, v in of_depth.items() if k not in replaced}
     text = json.dumps(described, allow_nan=False) + "\n"
     replace_file(folder / "recording.json", text.encode())
 

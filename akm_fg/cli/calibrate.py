@@ -57,7 +57,8 @@ class CalibrateArguments:
     picture: Path | None = None
     """Draw corners and residuals to this PNG."""
     write: Path | None = None
-    """Put camera and T_world_cam into this recording; its images must be free of distortion."""
+    """Put camera and T_world_cam, and their covariances, into this recording; its images must be
+    free of distortion."""
     truth: Path | None = None
     """Say how far the result is from this truth.json of a simulated recording."""
     simulate: Path | None = None

@@ -59,6 +59,9 @@ class DemoArguments:
     """What follows points: flow, or another file of akm_fg/backends/trackers."""
     segmenter: str | None = None
     """What finds the object: depth, or another file of akm_fg/backends/segmenters."""
+    rig_errors: bool = False
+    """Camera and arm err as real ones do (hand-eye 1 mm and 0.1 deg, focal length 0.2 %, depth 1 %
+    and 1 mm, joints 0.05 deg), drawn by the seed; how much they may is sim.rig in --config."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -156,7 +159,7 @@ def _command(arguments: DemoArguments, thing: ObjectArgument) -> str:
     for flag in ("target", "config", "tracker", "segmenter"):
         given = getattr(arguments, flag)
         words += "" if given is None else f" --{flag} {given}"
-    return words
+    return words + (" --rig-errors" if arguments.rig_errors else "")
 
 
 def _make_folder(out: Path, name: str) -> Path:

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
 from akm_fg.cli.config_argument import chosen_config
 from akm_fg.config import AkmConfig
 from sim.camera.camera import CameraConfig
+from sim.camera.rig import PERFECT, RigErrors
 from sim.camera.views import ViewConfig
 from sim.robot.franka_config import FrankaConfig
 from sim.world import WorldConfig
@@ -18,12 +19,13 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True)
 class SimulatorConfig:
-    """World, robot and camera."""
+    """World, robot and camera, and how these err."""
 
     world: WorldConfig = field(default_factory=WorldConfig)
     franka: FrankaConfig = field(default_factory=FrankaConfig)
     camera: CameraConfig = field(default_factory=CameraConfig)
     view: ViewConfig = field(default_factory=ViewConfig)
+    rig: RigErrors = PERFECT
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,4 +42,10 @@ def demo_config(arguments: DemoArguments, default: DemoConfig | None = None) -> 
         InputError: a file that cannot be used.
     """
     default = default or DemoConfig()
-    return chosen_config(default, arguments.config, arguments.tracker, arguments.segmenter)
+    erring = arguments.rig_errors
+    if erring:
+        default = replace(default, sim=replace(default.sim, rig=RigErrors()))
+    config = chosen_config(default, arguments.config, arguments.tracker, arguments.segmenter)
+    if erring and config.sim.rig == PERFECT:  # by a file with all settings: the flag goes before
+        config = replace(config, sim=replace(config.sim, rig=RigErrors()))
+    return config

@@ -62,7 +62,7 @@ class _Reporter:
             self._observer.looked(look)
         self.truths.append(self._world.truth())
         if self._gauge is None and look.holding:
-            self._gauge = SlipGauge(self._world.world, look.T_world_gripper)
+            self._gauge = SlipGauge(self._world.world, self._world.true_T_world_gripper())
         self._writer.add(look.frame, T_world_gripper=look.T_world_gripper)
         if sys.stderr.isatty():
             print(f"\r\033[K  frame {len(self.truths)}", end="", file=sys.stderr, flush=True)
@@ -87,7 +87,7 @@ class _Reporter:
         }
         if self._gauge is None:
             return ArmRecord(None, None, shares)
-        slip = self._gauge.slip(self._world.arm.T_world_gripper())
+        slip = self._gauge.slip(self._world.true_T_world_gripper())
         return ArmRecord(slip.translation_m, slip.rotation_rad, shares)
 
     def truth(self) -> JointTruth | None:
@@ -119,12 +119,17 @@ def run_in_simulator(
     name = f"{thing.title}, seed {request.seed}"
     config, recording = request.config, request.folder / RECORDING
     with _opened(request) as world, RecordingWriter(recording) as writer:
+        if world.calibration is not None:
+            writer.set_calibration(world.calibration)
         reporter = _Reporter(writer, world, observer)
         # The recording's name is what `akm-fg fit` calls it, so that the posteriors are the same.
         contact = world.T_world_grasp, world.pull_direction_world
         task = Task(str(recording), *contact, request.target)
         try:
-            stream = FrameStream(task.name, config.model, request.stages)
+            calibration = world.calibration
+            stream = FrameStream(
+                task.name, config.model, request.stages, calibration=calibration
+            )
             run_episode(world.arm, world.camera, task, episode, reporter, config.episode, stream)
         except KeyboardInterrupt:
             interrupted = True
@@ -151,6 +156,7 @@ def _opened(request: RunRequest) -> AbstractContextManager[SimEpisode]:
         franka_config=sim.franka,
         camera_config=sim.camera,
         view=sim.view,
+        rig=sim.rig,
     )
 
 

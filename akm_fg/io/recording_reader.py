@@ -33,6 +33,7 @@ from factors.joint import JointKind
 SCHEMA = "akm-fg/recording/1"
 KINDS = ("rigid", *map(str, JointKind))
 BYTES_A_PIXEL = 8  # in memory: 3 of colour, 4 of depth, 1 of the mask
+CALIBRATION_SDS = ("focal_sd", "depth_scale_sd", "depth_bias_sd_m")  # of `calibration`
 UNIT_TOLERANCE = 1e-3  # of an axis' length: more is not rounding
 
 
@@ -149,15 +150,21 @@ def read_recording(folder: Path, min_frames: int = 2, first_frames: int | None =
 
 def _calibration(fields: Fields) -> CalibrationErrors | None:
     """What is not known of the camera, if the recording says so."""
-    if not fields.has("calibration"):
+    if not any(map(fields.has, ("calibration", "cov_world_cam", "cov_intrinsics"))):
         return None
-    names = ("focal_sd", "depth_scale_sd", "depth_bias_sd_m")
-    expected = "an object with cov_world_cam (6x6) and " + ", ".join(names)
-    table = fields.table("calibration", expected)
-    cov = table.array("cov_world_cam", (6, 6), "a symmetric 6x6, rotation first")
-    numbers = {name: table.number(name) for name in names if table.has(name)}
+    expected = f"cov_world_cam 6x6, cov_intrinsics 4x4, calibration: {', '.join(CALIBRATION_SDS)}"
+    table = Fields(fields.path, {})
+    if fields.has("calibration"):
+        table = fields.table("calibration", f"an object with {', '.join(CALIBRATION_SDS)}")
+    place, lens = np.zeros((6, 6)), None
+    for holder in (table, fields):  # within `calibration` it was written at first
+        if holder.has("cov_world_cam"):
+            place = holder.array("cov_world_cam", (6, 6), "a symmetric 6x6, rotation first")
+    if fields.has("cov_intrinsics"):
+        lens = fields.array("cov_intrinsics", (4, 4), "a symmetric 4x4, px^2 of fx, fy, cx, cy")
+    numbers = {name: table.number(name) for name in CALIBRATION_SDS if table.has(name)}
     try:
-        return CalibrationErrors(cov, **numbers)
+        return CalibrationErrors(place, cov_intrinsics=lens, **numbers)
     except ValueError as e:
         raise InputError(fields.path, f"`calibration`: {e}", expected) from e
 

@@ -7,7 +7,7 @@ interrupt leaves at most one image that the description does not list (the reade
 from __future__ import annotations
 
 import json
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
@@ -20,7 +20,7 @@ from akm_fg.errors import OutputError
 from akm_fg.io.json_fields import EXACT_TOLERANCE
 from akm_fg.io.png import replace_file, write_png
 from akm_fg.io.recording_depth import DEPTH_UNIT_M, depth_to_raw
-from akm_fg.io.recording_reader import SCHEMA, frame_file, truth_as_json
+from akm_fg.io.recording_reader import CALIBRATION_SDS, SCHEMA, frame_file, truth_as_json
 from akm_fg.records import (
     BoolArray,
     CalibrationErrors,
@@ -133,9 +133,10 @@ class RecordingWriter:
         self._describe()
 
     def set_calibration(self, errors: CalibrationErrors) -> None:
-        """Say what is not known of the camera; after the first frame."""
+        """Say what is not known of the camera."""
         self._calibration = errors
-        self._describe()
+        if self._first is not None:
+            self._describe()
 
     def set_truth(self, truth: JointTruth) -> None:
         """Add the true joint, one state a frame.
@@ -197,11 +198,19 @@ class RecordingWriter:
             "truth": None if truth is None else truth_as_json(truth),
         }
         if self._calibration is not None:
-            described = asdict(self._calibration)
-            described["cov_world_cam"] = self._calibration.cov_world_cam.tolist()
-            description["calibration"] = described
+            description |= calibration_as_json(self._calibration)
         text = json.dumps(description, allow_nan=False) + "\n"
         replace_file(self._folder / "recording.json", text.encode())
+
+
+def calibration_as_json(errors: CalibrationErrors) -> dict[str, Any]:
+    """The fields of recording.json that say what is not known of the camera."""
+    lens = errors.cov_intrinsics
+    return {
+        "cov_world_cam": errors.cov_world_cam.tolist(),
+        "cov_intrinsics": None if lens is None else lens.tolist(),
+        "calibration": {name: getattr(errors, name) for name in CALIBRATION_SDS},
+    }
 
 
 def _check_pose(name: str, pose: gtsam.Pose3 | None) -> None:

@@ -21,7 +21,7 @@ from akm_fg.estimation.stream.incremental import IncrementalFit
 from akm_fg.estimation.stream.kind_comparison import Compare, Comparison
 from akm_fg.estimation.stream.leading_kind import LeadingKind
 from akm_fg.estimation.stream.stream_records import FrameUpdate, IncrementalConfig
-from akm_fg.records import BoolArray, RgbdFrame
+from akm_fg.records import BoolArray, CalibrationErrors, RgbdFrame
 from akm_fg.stages import ModelSettings, RecordingFit, Stages
 from akm_fg.steps import Steps, every
 from akm_fg.stream.seen_so_far import Hand, SeenSoFar
@@ -38,6 +38,7 @@ class FrameStream:
         settings: how the frames are modelled, and how often what came is thought over.
         stages: who masks, tracks and estimates; an estimator that is handed in is asked by
             `posterior` alone.
+        calibration: what is not known of the camera; `posterior` holds it, updates do not.
     """
 
     def __init__(
@@ -45,10 +46,11 @@ class FrameStream:
         name: str = "stream",
         settings: ModelSettings | None = None,
         stages: Stages | None = None,
+        calibration: CalibrationErrors | None = None,
     ) -> None:
         settings = settings or ModelSettings()
         one_blas_thread()  # looks through all libraries once: not in the first frame's time
-        self._seen = SeenSoFar(name, settings, stages)
+        self._seen = SeenSoFar(name, settings, stages, calibration)
         self._thinking = IncrementalFit(
             name,
             seed=settings.seed,

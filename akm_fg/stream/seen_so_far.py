@@ -13,6 +13,7 @@ import gtsam
 import numpy as np
 from numpy.typing import NDArray
 
+from akm_fg.calibrated import calibrated
 from akm_fg.errors import AxisUnobservable, InsufficientData, TracksLost
 from akm_fg.estimation.fit import one_blas_thread
 from akm_fg.perception.observe import MotionObserver
@@ -21,7 +22,7 @@ from akm_fg.perception.rig.depth_against_colour import depth_unit_doubts
 from akm_fg.perception.rig.unseen import unseen_doubts
 from akm_fg.perception.tracking.track_store import SeenPoints
 from akm_fg.posterior import ArticulationPosterior, doubted
-from akm_fg.records import BoolArray, Doubt, Recording, RgbdFrame
+from akm_fg.records import BoolArray, CalibrationErrors, Doubt, Recording, RgbdFrame
 from akm_fg.stages import JointEstimator, ModelSettings, RecordingFit, Sources, Stages
 from akm_fg.steps import Steps, to_end
 from akm_fg.stream.gripper_state import with_gripper_states
@@ -45,10 +46,15 @@ class SeenSoFar:
         name: of the posterior, and in messages.
         settings: how the frames are modelled.
         stages: who masks, tracks and estimates.
+        calibration: what is not known of the camera, for the posterior to hold.
     """
 
     def __init__(
-        self, name: str, settings: ModelSettings | None = None, stages: Stages | None = None
+        self,
+        name: str,
+        settings: ModelSettings | None = None,
+        stages: Stages | None = None,
+        calibration: CalibrationErrors | None = None,
     ) -> None:
         self.name, self.settings = name, settings or ModelSettings()
         self.stages = stages = stages or Stages()
@@ -62,6 +68,7 @@ class SeenSoFar:
         self._grasp: tuple[int, int] | None = None  # first stretch of frames in which it holds
         self._watching_s = 0.0
         self._rig = RigDoubts(self.settings.perception)
+        self._calibration = calibration
 
     @property
     def frames(self) -> int:
@@ -150,11 +157,18 @@ class SeenSoFar:
             except np.linalg.LinAlgError as error:
                 open_ = f"{self.name}: the data leave a joint or state open ({error})"
                 raise told_with(AxisUnobservable(open_), self._doubts_of_input()) from error
-            fit = self._checked(fit)
+            posterior = self._calibrated(self._checked(fit).posterior)
         fit_s = time.perf_counter() - began
         watching_s = self._watching_s
         times = {"total": watching_s + fit_s, "perception": watching_s, "fit": fit_s}
-        return replace(fit, posterior=replace(fit.posterior, time_s=times))
+        return replace(fit, posterior=replace(posterior, time_s=times))
+
+    def _calibrated(self, posterior: ArticulationPosterior) -> ArticulationPosterior:
+        """With what is not known of the camera."""
+        if self._calibration is None:
+            return posterior
+        first = self._observer.kept.frames[0]
+        return calibrated(posterior, self._calibration, first.T_world_cam, first.camera)
 
     def _doubts_of_input(self) -> list[Doubt]:
         seen, clip = self._observer, self._clip()

@@ -21,25 +21,20 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-import gtsam
-import numpy as np
-
 from akm_fg.errors import AkmError
 from akm_fg.io.recording import read_recording, read_truth
 from akm_fg.pipeline import fit_recording
-from akm_fg.records import CalibrationErrors, Recording, RgbdFrame
+from akm_fg.records import CalibrationErrors, Recording
 from experiments.pages.covered import NOTHING, inside_columns, nees_of_joint
 from experiments.pages.tables import NoRows, grouped, markdown, percent
 from experiments.rows.provenance import note_run
 from experiments.rows.rows import Key, TrialRow, fill, keys, read_rows, trial_row
 from experiments.scores.answers import answer_of_posterior, failed
 from experiments.scores.statistics import share
+from sim.camera.rig import RigErrors, drawn_camera
 
 WITHOUT, WITH = "as if perfect", "with the calibration's covariance"
-PLACE_M, PLACE_RAD = 1e-3, np.radians(0.1)
-ERRORS = CalibrationErrors(
-    np.diag([PLACE_RAD**2] * 3 + [PLACE_M**2] * 3), 0.002, 0.01, 0.001
-)  # fmt: skip
+ERRORS = RigErrors().calibration()
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,24 +48,8 @@ class RigErrorsConfig:
 
 def with_rig_errors(recording: Recording, errors: CalibrationErrors, seed: int) -> Recording:
     """The recording as a rig would give it whose errors are drawn from `errors`."""
-    rng = np.random.default_rng([seed, 61])
-    eta = rng.multivariate_normal(np.zeros(6), errors.cov_world_cam)
-    focal, scale, bias = rng.normal(size=3) * (
-        errors.focal_sd, errors.depth_scale_sd, errors.depth_bias_sd_m
-    )  # fmt: skip
-
-    def seen(frame: RgbdFrame) -> RgbdFrame:
-        camera = dataclasses.replace(
-            frame.camera, fx=frame.camera.fx / (1 + focal), fy=frame.camera.fy / (1 + focal)
-        )
-        return dataclasses.replace(
-            frame,
-            camera=camera,
-            depth_m=((frame.depth_m - bias) / (1 + scale)).astype(np.float32),
-            T_world_cam=frame.T_world_cam * gtsam.Pose3.Expmap(eta).inverse(),
-        )
-
-    return dataclasses.replace(recording, frames=tuple(map(seen, recording.frames)))
+    camera = drawn_camera(errors, seed)
+    return dataclasses.replace(recording, frames=tuple(map(camera.seen, recording.frames)))
 
 
 def run_trial(config: RigErrorsConfig, key: Key) -> TrialRow:

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from akm_fg.arm.body.description import ArmDescription
+from akm_fg.arm.body.model import N_ARM
 from akm_fg.records import RgbdFrame
 from sim.bullet import connect, load_urdf, p
 from sim.camera.materials import MATT, specular_of
@@ -30,6 +31,7 @@ from sim.camera.pictures import (
     view_matrix,
 )
 from sim.camera.rendering import Choice, Wanted, choose_renderer, open_scene
+from sim.camera.rig import CameraErrors, DrawnRig
 from sim.camera.sensor import NoisySensor
 from sim.world import SimWorld
 
@@ -102,6 +104,7 @@ class SimCamera:
         seed: int,
         config: CameraConfig | None = None,
         scene: Scene | None = None,
+        rig: DrawnRig | None = None,
     ) -> None:
         """Opens the renderer and draws what stands still.
 
@@ -111,21 +114,25 @@ class SimCamera:
             seed: of the noise.
             config: image size, noise and the renderer, which is chosen by trial by default.
             scene: draws, instead of the configuration's renderer; is closed with the camera.
+            rig: errs: `intrinsics` and `T_world_cam` are what is believed; perfect if absent.
 
         Raises:
             RendererFailed: the renderer that was asked for does not work here.
         """
         self.config = config or CameraConfig()
-        self.T_world_cam = T_world_cam
+        self._errors = CameraErrors() if rig is None else rig.camera
+        self._offsets_rad = np.zeros(N_ARM) if rig is None else rig.joint_offsets_rad
+        self.T_world_cam = self._errors.believed_place(T_world_cam)
         c = self.config
         if scene is None:
             self.renderer = choose_renderer(c.renderer, (c.width, c.height))
         else:
             self.renderer = Choice(scene.renderer, "handed in")
         name = self.renderer.name
-        self.intrinsics = rendered_intrinsics(c.width, c.height, c.focal_px, name)
+        true = rendered_intrinsics(c.width, c.height, c.focal_px, name)
+        self.intrinsics = self._errors.believed_camera(true)
         self._world = world
-        self._sensor = NoisySensor(c.noise, self.intrinsics, np.random.default_rng([seed, 11]))
+        self._sensor = NoisySensor(c.noise, true, np.random.default_rng([seed, 11]))
         self._robot_client = connect()
         self._robot = _load_robot_outline(self._robot_client, world.arm_description)
         self._shot = c.shot(T_world_cam, name)
@@ -145,7 +152,7 @@ class SimCamera:
     def capture(self) -> RgbdFrame:
         """The scene now, with noise; pixels that show the robot carry no depth."""
         surface, exact = self._exact()
-        depth = self._sensor.depth(exact, surface)
+        depth = self._errors.measured_depth(self._sensor.depth(exact, surface))
         robot = self.robot_depth()
         # A hole in front of the robot stays a hole; NaN compares False.
         depth = np.where(robot - self.config.mask_slack_m <= depth, np.nan, depth)
@@ -208,10 +215,13 @@ class SimCamera:
         world = self._world
         n = p.getNumJoints(world.robot_id, physicsClientId=world.client)
         states = p.getJointStates(world.robot_id, list(range(n)), physicsClientId=world.client)
-        for j, state in enumerate(states):
-            p.resetJointState(self._robot, j, state[0], physicsClientId=self._robot_client)
+        measured = np.array([state[0] for state in states])
+        measured[:N_ARM] += self._offsets_rad
+        for j, angle in enumerate(measured.tolist()):
+            p.resetJointState(self._robot, j, angle, physicsClientId=self._robot_client)
         scale = self.config.mask_scale
-        small = take(self._robot_client, self.config.shot(self.T_world_cam, scale=scale)).depth_m
+        believed = replace(self.config, focal_px=self._errors.believed_px(self.config.focal_px))
+        small = take(self._robot_client, believed.shot(self.T_world_cam, scale=scale)).depth_m
         side = 2 * int(np.ceil(self.config.mask_grow_px / scale)) + 1
         solid = np.where(np.isfinite(small), small, np.inf).astype(np.float32)
         grown = cv2.erode(solid, np.ones((side, side), dtype=np.uint8))

@@ -26,9 +26,15 @@ class ArmState:
 
 
 class ArmDrive:
-    """Executes torques at the control rate, which is that of the physics (1 kHz, as Franka's)."""
+    """Executes torques at the control rate, which is that of the physics (1 kHz, as Franka's).
 
-    def __init__(self, world: SimWorld, gripper: SimGripper) -> None:
+    Encoders are off by `offsets_rad` (7,), always by the same.
+    """
+
+    def __init__(
+        self, world: SimWorld, gripper: SimGripper, offsets_rad: FloatArray | None = None
+    ) -> None:
+        self._offsets_rad = np.zeros(N_ARM) if offsets_rad is None else offsets_rad
         self._world, self._gripper = world, gripper
         self._joints = [*range(N_ARM), *gripper.joints]
         self._arm_joints = list(range(N_ARM))
@@ -74,4 +80,5 @@ class ArmDrive:
             self._world.robot_id, self._joints, physicsClientId=self._world.client
         )
         q, dq, *_ = zip(*states, strict=True)
-        return ArmState(np.array(q[:N_ARM]), np.array(dq[:N_ARM]), (q[-2], q[-1]), (dq[-2], dq[-1]))
+        measured = np.array(q[:N_ARM]) + self._offsets_rad
+        return ArmState(measured, np.array(dq[:N_ARM]), (q[-2], q[-1]), (dq[-2], dq[-1]))

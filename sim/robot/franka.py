@@ -37,14 +37,20 @@ from sim.world import SimWorld
 class SimFranka:
     """Torque-controlled arm with a friction gripper. Motions execute while iterated.
 
-    It knows its own joints, fingers and geometry, and nothing of the object.
+    It knows its own joints, fingers and geometry, and nothing of the object. Its encoders are off
+    by `joint_offsets_rad` (7,), which it does not know.
     """
 
-    def __init__(self, world: SimWorld, config: FrankaConfig | None = None) -> None:
+    def __init__(
+        self,
+        world: SimWorld,
+        config: FrankaConfig | None = None,
+        joint_offsets_rad: FloatArray | None = None,
+    ) -> None:
         self.config = config or FrankaConfig()
         self._kinematics = world.kinematics
         self.gripper = SimGripper(world, self.config.gripper)
-        self._drive = ArmDrive(world, self.gripper)
+        self._drive = ArmDrive(world, self.gripper, joint_offsets_rad)
         self._q_rest = Q_HOME.copy()
         self._scene = KnownScene(world.placement.floor_m, self.config.around, world.arm_description)
 

@@ -1,5 +1,6 @@
 """What is not known of the camera, in the posterior."""
 
+import json
 from dataclasses import replace
 
 import gtsam
@@ -19,6 +20,7 @@ from experiments.trials.openings import make_opening
 from factors.joint import Joint, JointKind
 
 NONE = np.zeros((6, 6))
+CAMERA = PinholeCamera(640, 480, 610.0, 590.0, 320.0, 240.0)
 T_WORLD_CAM = gtsam.Pose3(gtsam.Rot3.Rz(0.4) * gtsam.Rot3.Rx(-2.0), np.array([0.3, -1.2, 0.9]))
 T_CAM_JOINT = gtsam.Pose3(gtsam.Rot3.Ypr(0.3, 0.5, -0.8), np.array([0.2, -0.1, 1.4]))
 
@@ -29,7 +31,7 @@ def _joint(T_cam_joint, T_world_cam=T_WORLD_CAM, kind=JointKind.REVOLUTE):
 
 def _added(errors, kind=JointKind.REVOLUTE):
     posterior = JointPosterior(_joint(T_CAM_JOINT, kind=kind), NONE)
-    return joint_errors(T_CAM_JOINT.matrix(), errors, posterior)
+    return joint_errors(T_CAM_JOINT.matrix(), errors, posterior, CAMERA)
 
 
 @pytest.mark.parametrize("k", range(6))
@@ -65,6 +67,37 @@ def test_what_is_seen_wrongly_moves_the_line_as_the_covariance_says(name):
     assert_allclose(cov[np.ix_([0, 1, 3, 4], [0, 1, 3, 4])], np.outer(moved, moved), atol=1e-13)
 
 
+@pytest.mark.parametrize("k", range(4))
+def test_intrinsics_move_the_line_as_the_covariance_says(k):
+    """Two points of the true line, projected by the true camera and lifted by the believed one."""
+    names = ("fx", "fy", "cx", "cy")
+    step_px = 1e-3
+    T = T_CAM_JOINT.matrix()
+    points = T[:3, 3] + np.array([[0.0], [1e-3]]) * T[:3, 2]
+    believed = replace(CAMERA, **{names[k]: getattr(CAMERA, names[k]) - step_px})
+    seen = believed.back_project(CAMERA.project(points), points[:, 2])
+    axis = (seen[1] - seen[0]) / np.linalg.norm(seen[1] - seen[0])
+    T_seen = T.copy()
+    T_seen[:3, :3] = _turned_onto(T[:3, :3], axis)
+    T_seen[:3, 3] = seen[0]
+    moved = line_apart(_joint(T_CAM_JOINT), _joint(gtsam.Pose3(T_seen)))
+    cov_px2 = np.zeros((4, 4))
+    cov_px2[k, k] = step_px**2
+    cov = _added(CalibrationErrors(NONE, cov_intrinsics=cov_px2))
+    got = cov[np.ix_([0, 1, 3, 4], [0, 1, 3, 4])]
+    assert_allclose(got, np.outer(moved, moved), rtol=1e-3, atol=1e-4 * np.abs(got).max())
+
+
+def test_a_relative_error_of_both_focal_lengths_is_one_of_the_intrinsics():
+    f_px = np.array([CAMERA.fx, CAMERA.fy, 0.0, 0.0])
+    cov_px2 = 0.002**2 * np.outer(f_px, f_px)
+    one, other = CalibrationErrors(NONE, 0.002), CalibrationErrors(NONE, cov_intrinsics=cov_px2)
+    assert_allclose(_added(one), _added(other), atol=1e-20)
+    posterior = fit_tracks(make_opening(1, "prismatic").tracks)
+    one, other = (calibrated(posterior, e, T_WORLD_CAM, CAMERA).best.states for e in (one, other))
+    assert_allclose(one.sd, other.sd)
+
+
 def _turned_onto(R, axis):
     """The least turn of a frame that takes its z onto an axis."""
     w = np.cross(R[:, 2], axis)
@@ -76,7 +109,7 @@ def test_a_drawers_states_scale_with_depth_and_a_doors_do_not():
     errors = CalibrationErrors(NONE, depth_scale_sd=0.01)
     for kind in ("prismatic", "revolute"):
         posterior = fit_tracks(make_opening(1, kind).tracks)
-        with_errors = calibrated(posterior, errors, T_WORLD_CAM)
+        with_errors = calibrated(posterior, errors, T_WORLD_CAM, CAMERA)
         before, after = posterior.best.states, with_errors.best.states
         grown = 0.01 * before.mean if kind == "prismatic" else 0.0
         assert_allclose(after.sd, np.hypot(before.sd, grown))
@@ -106,8 +139,32 @@ def test_a_recording_keeps_what_is_not_known_of_its_camera(tmp_path):
     read = read_recording(tmp_path / "r").calibration
     assert_allclose(read.cov_world_cam, errors.cov_world_cam)
     assert (read.focal_sd, read.depth_scale_sd, read.depth_bias_sd_m) == (0.002, 0.01, 0.001)
+    assert read.cov_intrinsics is None
+    lens = replace(errors, cov_intrinsics=np.diag([4.0, 4.0, 1.0, 1.0]))
+    write_recording(tmp_path / "lens", _recording(lens))
+    assert_allclose(
+        read_recording(tmp_path / "lens").calibration.cov_intrinsics, lens.cov_intrinsics
+    )
     write_recording(tmp_path / "without", _recording(None))
     assert read_recording(tmp_path / "without").calibration is None
+
+
+def test_covariances_stand_for_themselves_and_where_they_stood_at_first(tmp_path):
+    write_recording(tmp_path / "r", _recording(None))
+    file = tmp_path / "r" / "recording.json"
+    said = json.loads(file.read_text())
+    place, lens = (1e-6 * np.eye(6)).tolist(), np.eye(4).tolist()
+    file.write_text(json.dumps(said | {"cov_intrinsics": lens}))
+    read = read_recording(tmp_path / "r").calibration
+    assert not read.cov_world_cam.any() and read.focal_sd == 0.0
+    assert_allclose(read.cov_intrinsics, np.eye(4))
+    file.write_text(json.dumps(said | {"calibration": {"cov_world_cam": place, "focal_sd": 0.01}}))
+    read = read_recording(tmp_path / "r").calibration
+    assert_allclose(read.cov_world_cam, place)
+    assert read.focal_sd == 0.01 and read.cov_intrinsics is None
+    file.write_text(json.dumps(said | {"cov_intrinsics": place}))
+    with pytest.raises(InputError, match="cov_intrinsics"):
+        read_recording(tmp_path / "r")
 
 
 def test_a_calibration_that_is_none_is_refused_in_one_line(tmp_path):

@@ -227,7 +227,8 @@ def test_what_is_not_known_of_the_camera_is_in_the_posterior(fitted, door):
     perfect = fitted("both").posterior
     posterior = fit_recording(replace(door.recording, calibration=errors)).posterior
     T_world_cam = door.recording.frames[0].T_world_cam
-    want = calibrated(perfect, errors, T_world_cam).best.joint.cov
+    camera = door.recording.frames[0].camera
+    want = calibrated(perfect, errors, T_world_cam, camera).best.joint.cov
     assert_allclose(posterior.best.joint.cov, want, rtol=1e-9, atol=1e-15)
     assert posterior.best.joint.axis_sd_rad > 0.0017
     assert posterior.kind_probability == perfect.kind_probability

@@ -127,6 +127,20 @@ def test_a_calibration_goes_into_a_recording_and_leaves_the_rest_alone(recording
     assert_allclose(said["T_world_cam"], pinhole.T_mount_cam.matrix())
     assert said["camera"]["fx"] == pinhole.camera.fx and said["extra"] == "kept"
     assert said["stamps_s"] == [0, 1, 2]
+    assert_allclose(said["cov_world_cam"], pinhole.T_mount_cam_cov)
+    assert_allclose(said["cov_intrinsics"], pinhole.intrinsics_cov[:4, :4])
+    assert "calibration" not in said
+
+
+def test_a_calibration_replaces_what_was_said_of_the_camera_and_leaves_its_depth(
+    recording, pinhole
+):
+    size = {"width": 640, "height": 480, "fx": 1.0, "fy": 1.0, "cx": 1.0, "cy": 1.0}
+    said = {"cov_world_cam": np.eye(6).tolist(), "focal_sd": 0.1, "depth_scale_sd": 0.01}
+    describe(recording, camera=size, calibration=said)
+    write_into_recording(recording, pinhole)
+    said = json.loads((recording / "recording.json").read_text())
+    assert said["calibration"] == {"depth_scale_sd": 0.01}
 
 
 def test_it_does_not_go_into_a_recording_of_other_images(recording, pinhole):

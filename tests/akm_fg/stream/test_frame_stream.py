@@ -14,7 +14,7 @@ from akm_fg.perception.config import PerceptionConfig
 from akm_fg.perception.kept_frames import KeptFramesConfig
 from akm_fg.perception.observe import ObserveConfig
 from akm_fg.pipeline import fit_recording
-from akm_fg.records import Recording
+from akm_fg.records import CalibrationErrors, Recording
 from akm_fg.stages import ModelSettings, Stages
 from akm_fg.stream.frame_stream import FrameStream
 from akm_fg.stream.joint_estimate import estimate_joint
@@ -69,6 +69,16 @@ def test_a_stream_ends_where_the_recording_does(name, request):
     clip = request.getfixturevalue(name)
     stream, _ = streamed(clip.frames)
     assert_same(stream.posterior(), fit_recording(clip.recording))
+
+
+def test_a_stream_holds_what_is_not_known_of_the_camera_as_a_recording_does(drawer):
+    errors = CalibrationErrors(1e-6 * np.eye(6), 0.002, 0.01, 0.001)
+    stream = FrameStream("clip", calibration=errors)
+    for frame in drawer.frames:
+        stream.add(frame)
+    fit = stream.posterior()
+    assert_same(fit, fit_recording(replace(drawer.recording, calibration=errors)))
+    assert fit.posterior.best.states.sd[-1] > 0.01 * fit.posterior.best.states.mean[-1]
 
 
 def test_asking_on_the_way_changes_nothing_later(drawer):
