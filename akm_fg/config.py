@@ -8,6 +8,7 @@ from typing import Any
 from akm_fg.calibration.records import CalibrationConfig
 from akm_fg.closed_loop import EpisodeConfig
 from akm_fg.estimation.config import FitConfig
+from akm_fg.exploration.config import ExploreConfig
 from akm_fg.model.config import ModelConfig
 from akm_fg.perception.config import PerceptionConfig
 from akm_fg.report.overlay import OverlayConfig
@@ -32,12 +33,13 @@ class AkmConfig:
     perception: PerceptionConfig = field(default_factory=PerceptionConfig)
     fit: FitConfig = field(default_factory=FitConfig)
     stream: StreamConfig = field(default_factory=StreamConfig)
+    explore: ExploreConfig = field(default_factory=ExploreConfig)
     episode: EpisodeConfig = field(default_factory=EpisodeConfig)
     model: ModelConfig = field(default_factory=ModelConfig)
     overlay: OverlayConfig = field(default_factory=OverlayConfig)
     calibration: CalibrationConfig = field(default_factory=CalibrationConfig)
 
     @property
-    def model(self) -> ModelSettings:
+    def model_settings(self) -> ModelSettings:
         """How frames are modelled, with these settings."""
         return ModelSettings(self.perception, self.fit, stream=self.stream)

@@ -97,7 +97,7 @@ def run_demo(
     """As `demo`; an observer is told of frames and stages as they come, before they are kept."""
     began = time.perf_counter()
     wanted = None if arguments.target is None else parse_target(arguments.target)
-    _require_simulator()
+    require_simulator()
     from akm_fg.backends.registry import stages_of
     from akm_fg.cli.config_argument import write_tree
     from akm_fg.cli.demo_config import demo_config
@@ -108,7 +108,7 @@ def run_demo(
     thing = parse_object(arguments.object, arguments.joint)
     target = wanted_state(arguments, wanted, thing.spec(arguments.seed))
     with json_output(arguments.json) as stream:
-        folder = _make_folder(arguments.out, f"{thing.label}-{arguments.seed}")
+        folder = make_run_folder(arguments.out, f"{thing.label}-{arguments.seed}")
         command = _command(arguments, thing)
         write_tree(folder / CONFIG, config, f"All settings of {command}")
         request = RunRequest(thing, arguments.seed, target, folder, command, config, stages)
@@ -128,11 +128,16 @@ def run_demo(
     return DemoRun(folder, summary, INTERRUPTED if interrupted else reached)
 
 
-def _require_simulator() -> None:
+def require_simulator(what: str = "the demo") -> None:
+    """Refuse to go on without the simulator.
+
+    Raises:
+        MissingDependency: it is not installed.
+    """
     absent = [m for m in ("pybullet", "pinocchio") if importlib.util.find_spec(m) is None]
     if absent:
         raise MissingDependency(
-            f"the demo needs {' and '.join(absent)}; install akm-fg[sim] (Python 3.11)"
+            f"{what} needs {' and '.join(absent)}; install akm-fg[sim] (Python 3.11)"
         )
 
 
@@ -162,7 +167,12 @@ def _command(arguments: DemoArguments, thing: ObjectArgument) -> str:
     return words + (" --rig-errors" if arguments.rig_errors else "")
 
 
-def _make_folder(out: Path, name: str) -> Path:
+def make_run_folder(out: Path, name: str) -> Path:
+    """A new folder in `out`, named by the time and by what runs.
+
+    Raises:
+        OutputError: it cannot be made.
+    """
     base = out / f"{time.strftime('%Y%m%d-%H%M%S')}-{name}"
     for attempt in range(100):
         folder = base if attempt == 0 else base.with_name(f"{base.name}-{attempt}")

@@ -128,7 +128,7 @@ def run_in_simulator(
         try:
             calibration = world.calibration
             stream = FrameStream(
-                task.name, config.model, request.stages, calibration=calibration
+                task.name, config.model_settings, request.stages, calibration=calibration
             )
             run_episode(world.arm, world.camera, task, episode, reporter, config.episode, stream)
         except KeyboardInterrupt:

@@ -76,7 +76,7 @@ def explore(
         return
     belief = belief_of(exploration, explorer)
     for attempt in exploration.attempts:
-        belief.learn(attempt.hypothesis, attempt.outcome, _moved(attempt))
+        belief.learn(attempt.hypothesis, attempt.outcome, bool(attempt.stretches))
     while exploration.pulls < config.max_attempts and not exploration.opened:
         with _Took(exploration, "belief"):
             hypothesis = belief.next()
@@ -85,7 +85,8 @@ def explore(
             break
         tried = _tried(arm, camera, explorer, exploration, observer, belief, hypothesis)
         belief.learn(hypothesis, tried.attempt.outcome, tried.moved)
-        exploration.fit = tried.fit or exploration.fit
+        if tried.fit is not None or not exploration.looks:
+            exploration.fit, exploration.looks = tried.fit, tried.looks
         if not config.adaptive_termination:
             break
         if not exploration.opened:
@@ -137,10 +138,6 @@ def _tried(
     Trier(arm, camera, stream, tried, observer, explorer.config).run(grasps)
     observer.ended(number, attempt)
     return tried
-
-
-def _moved(attempt: Attempt) -> bool:
-    return bool(attempt.stretches)
 
 
 def _conclude(exploration: Exploration, belief: Belief, config: ExploreConfig) -> None:

@@ -7,6 +7,7 @@ from typing import Literal
 
 import gtsam
 
+from akm_fg.looks import Look
 from akm_fg.records import FloatArray, RgbdFrame
 from akm_fg.stages import RecordingFit
 
@@ -97,6 +98,7 @@ class Exploration:
     beliefs: list[BeliefSnapshot] = field(default_factory=list)
     attempts: list[Attempt] = field(default_factory=list)
     fit: RecordingFit | None = None  # of the last attempt in which something moved
+    looks: list[Look] = field(default_factory=list)  # of that attempt
     stop: StopReason | None = None
     failure: str | None = None
     notes: list[str] = field(default_factory=list)  # what was done without, and why

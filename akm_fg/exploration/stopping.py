@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from itertools import pairwise
 
 import numpy as np
@@ -30,7 +30,7 @@ class Need:
 class StopConfig:
     """The stop rules' tuning."""
 
-    need: Need = Need()
+    need: Need = field(default_factory=Need)
     # A stretch that is expected to better both bounds by less than this share is not worth its
     # time: ten such stretches together would not halve them.
     worth: float = 0.07

@@ -50,6 +50,7 @@ def render_page(
     summary: RunSummary,
     config: OverlayConfig | None = None,
     drawn: Sequence[Picture] | None = None,
+    introduction: Markup | None = None,
 ) -> str:
     """The report as HTML.
 
@@ -57,16 +58,18 @@ def render_page(
         summary: of the run.
         config: of what is drawn into the pictures.
         drawn: the pictures, where they were drawn already.
+        introduction: HTML that goes before them.
     """
     config = config or OverlayConfig()
     if drawn is None:
         drawn = () if summary.recording is None else pictures(summary, config)
     posterior, goal = summary.posterior, summary.goal
-    return _template().render(
+    return template("page.html").render(
         title=summary.title,
         sentence=what_was_done(summary),
         verdict_class=_VERDICT_CLASS.get(summary.verdict, ""),
         verdict=verdict(summary),
+        introduction=introduction,
         warnings=() if posterior is None else posterior.fit.warnings,
         legend=_legend(summary, config),
         pictures=drawn,
@@ -83,7 +86,8 @@ def render_page(
 
 
 @cache
-def _template() -> Template:
+def template(name: str) -> Template:
+    """A template of the reports; all that is put in is escaped, but what is Markup."""
     environment = Environment(
         loader=PackageLoader("akm_fg.report"),
         autoescape=True,
@@ -93,7 +97,7 @@ def _template() -> Template:
         lstrip_blocks=True,
     )
     environment.filters["base64"] = lambda data: base64.b64encode(data).decode()
-    return environment.get_template("page.html")
+    return environment.get_template(name)
 
 
 def _with_its_unit(value: object) -> object:

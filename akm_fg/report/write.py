@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
+from markupsafe import Markup
+
 from akm_fg.errors import OutputError
 from akm_fg.io.png import replace_file
 from akm_fg.report.overlay import OverlayConfig
@@ -18,6 +20,7 @@ def write_report(
     summary: RunSummary,
     config: OverlayConfig | None = None,
     drawn: Sequence[Picture] | None = None,
+    introduction: Markup | None = None,
 ) -> None:
     """Write one self-contained HTML file, whole or not at all; makes the folder it goes to.
 
@@ -26,6 +29,7 @@ def write_report(
         summary: of the run.
         config: of what is drawn into the pictures.
         drawn: the pictures, where they were drawn already.
+        introduction: HTML that goes before them.
 
     Raises:
         OutputError: the file cannot be written there.
@@ -37,4 +41,4 @@ def write_report(
         path.parent.mkdir(parents=True, exist_ok=True)
     except OSError as e:
         raise OutputError(f"{path.parent}: cannot be made ({e.strerror})") from e
-    replace_file(path, render_page(summary, config, drawn).encode("utf-8"))
+    replace_file(path, render_page(summary, config, drawn, introduction).encode("utf-8"))

@@ -1,0 +1,64 @@
+import numpy as np
+
+from akm_fg.exploration.records import Bounds, Stretch
+from akm_fg.exploration.stopping import StopConfig, by_threshold, enough
+from akm_fg.records import PointTracks
+
+RULES = StopConfig()
+
+
+def known(axis_deg: float, pivot_m: float | None) -> Bounds:
+    axis_rad = float(np.deg2rad(axis_deg))
+    return Bounds(axis_rad, pivot_m, axis_rad / 2.4, None if pivot_m is None else pivot_m / 2.4)
+
+
+def stretch(
+    bounds: Bounds, then: Bounds | None, state: float = 0.3, sd: float = 0.002, p: float = 0.995
+) -> Stretch:
+    kinds = {"revolute": p, "prismatic": 1 - p}
+    return Stretch(0.1, 20, "revolute", kinds, state, sd, bounds, then, 0.2)
+
+
+GOOD, VAGUE, BETTER = known(0.8, 0.008), known(3.0, 0.02), known(1.5, 0.01)
+
+
+def test_a_joint_that_the_task_can_use_ends_the_pull():
+    assert enough([stretch(GOOD, None)], True, RULES) is not None
+    assert enough([stretch(known(1.2, 0.008), known(0.5, 0.004))], True, RULES) is None
+    assert enough([stretch(known(0.8, 0.012), known(0.4, 0.004))], True, RULES) is None
+
+
+def test_a_kind_that_is_not_sure_goes_on():
+    assert enough([stretch(GOOD, None, p=0.98)], True, RULES) is None
+
+
+def test_what_has_surely_moved_five_degrees_or_centimetres_and_no_less_counts_as_opened():
+    five = float(np.deg2rad(5.0))
+    assert enough([stretch(GOOD, None, state=five + 0.01, sd=0.002)], True, RULES) is not None
+    assert enough([stretch(GOOD, None, state=five + 0.01, sd=0.005)], True, RULES) is None
+    assert enough([stretch(GOOD, None, state=0.049)], False, RULES) is None
+    assert enough([stretch(GOOD, None, state=-0.06)], False, RULES) is not None
+
+
+def test_a_vague_joint_goes_on_while_a_further_stretch_is_expected_to_tell_more():
+    assert enough([stretch(VAGUE, BETTER)], True, RULES) is None
+    reason = enough([stretch(VAGUE, known(2.9, 0.0199))], True, RULES)
+    assert reason == "a further stretch is not expected to tell more"
+
+
+def test_two_stretches_that_brought_nothing_end_the_pull_whatever_is_expected():
+    same = [stretch(VAGUE, BETTER) for _ in range(3)]
+    assert enough(same, True, RULES) == "the last stretches have told no more"
+    assert enough(same[:2], True, RULES) is None
+    falling = [stretch(known(d, 0.03), BETTER) for d in (5.0, 4.0, 3.0)]
+    assert enough(falling, True, RULES) is None
+
+
+def test_the_papers_threshold_asks_for_half_the_pulled_way():
+    rest = np.zeros((1, 3, 3))
+    tracks = PointTracks(
+        np.concatenate([rest, rest + np.array([0.0, 0.06, 0.0])]),
+        np.tile(np.eye(3) * 1e-6, (2, 3, 1, 1)),
+    )
+    assert by_threshold(tracks, 0.10, RULES)
+    assert not by_threshold(tracks, 0.13, RULES)
