@@ -1,15 +1,14 @@
 """The state of one frame from its depth image, where too few tracks of the part are seen in it.
 
-The joint and the part's patches are held as the leading kind has them. At a state q each patch is
-expected at a place; the depth there, less what is expected, along the patch's normal, is moved by
-q as much as the patch's way along its normal. Gauss-Newton with the Student-t weights of single
-readings, from the last state and from places beside it: whichever start finds most patches again.
+The joint and the part's patches are held as the leading kind has them. The patches are looked for
+(`akm_fg.perception.surface.known_surface`) from the last state and from places beside it: whichever
+start finds most of them again.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -18,11 +17,10 @@ from akm_fg.estimation.one_kind.laplace import KindFit
 from akm_fg.estimation.sources.source import Source
 from akm_fg.estimation.sources.surface import SURFACE, SurfaceContribution, SurfaceSource
 from akm_fg.perception.depth.depth_noise import DepthNoiseModel
+from akm_fg.perception.surface.known_surface import KnownSurface, KnownSurfaceConfig
 from akm_fg.posterior import ArticulationPosterior
-from akm_fg.records import BoolArray, FloatArray, RgbdFrame
-from factors.joint import Joint
+from akm_fg.records import FloatArray, RgbdFrame
 from factors.measurements.dense_registration import dense_cost
-from factors.student_t import weight
 
 
 @dataclass(frozen=True, slots=True)
@@ -30,25 +28,20 @@ class SurfaceStateConfig:
     """Finding the part's surface again."""
 
     patches: int = 400  # looked for, of thousands: errors of neighbours agree
-    gates_m: tuple[float, ...] = (0.03, 0.02, 0.01, 0.01)  # off the patch, a step
-    gate_sigmas: float = 3.0  # of a reading, on top
+    match: KnownSurfaceConfig = field(default_factory=KnownSurfaceConfig)
     search_m: tuple[float, ...] = (0.0, 0.03, -0.03, 0.06, -0.06)  # way of the part from the start
     least_share: float = 0.3  # of the patches that must be found: less is something else
-    least_cosine: float = 0.2  # between ray and normal: 78 deg
     least_along: float = 0.05  # of the patches' way along their normals: with less it is open
     longest_gap: int = 2  # frames beyond the last known state from which one is believed
     steps_a_frame: float = 4.0  # of the path's usual step, that a part may go in a frame
     sigmas: float = 5.0  # that a state may be off the path whatever the steps are
-    dof: float = 4.0  # of the Student-t weights of readings: other surfaces are common
 
 
 @dataclass(frozen=True, slots=True)
 class HeldSurface:
     """The patches of a leading kind, and what its states are known by."""
 
-    joint: Joint
-    x_world: FloatArray  # (S, 3) at state zero
-    normal_world: FloatArray  # (S, 3)
+    surface: KnownSurface
     as_one: float  # of these patches' readings, that err together
     scale: float  # of the readings' noise
     fit: KindFit
@@ -70,9 +63,8 @@ class HeldSurface:
         S = x.shape[1]
         some = np.unique(np.linspace(0, S - 1, min(S, config.patches)).astype(int))
         as_one = max(1.0, said.count_as_one * fit.as_one * some.size / S)
-        return HeldSurface(
-            fit.moving, x.T[some], patches.normal_world.T[some], as_one, max(said.scale, 1.0), fit
-        )
+        known = KnownSurface(fit.moving, x.T[some], patches.normal_world.T[some])
+        return HeldSurface(known, as_one, max(said.scale, 1.0), fit)
 
     def state(
         self, frame: RgbdFrame, noise: DepthNoiseModel, start: float, config: SurfaceStateConfig
@@ -85,85 +77,19 @@ class HeldSurface:
             start: roughly the state.
             config: tuning.
         """
-        starts = start + np.array(config.search_m) / self._metres_per_unit(start)
-        best = max((self._solved(frame, noise, q, config) for q in starts), key=lambda e: e.found)
-        if best.found < config.least_share * len(self.x_world):
+        surface = self.surface
+        starts = start + np.array(config.search_m) / surface.metres_per_unit(start)
+        ends = [surface.solved(frame, noise, q, config.match) for q in starts]
+        best = max(ends, key=lambda end: end.found)
+        if best.found < config.least_share * len(surface.x_world):
             return None
-        metres = self._metres_per_unit(best.q)
+        metres = surface.metres_per_unit(best.q)
         if best.along_m < config.least_along * metres:
             return None
         order = np.argsort(self.fit.q)
         beyond = float(np.interp(best.q, self.fit.q[order], self.fit.state_sd[order] ** 2))
         own = self.as_one * self.scale**2 / best.information
         return best.q, float(np.sqrt(own + beyond))
-
-    def _metres_per_unit(self, q: float) -> float:
-        """Root mean square way of the patches for a unit of the state."""
-        way = self._ways(self._moved(q)[0], q)
-        return float(np.sqrt((way**2).sum(axis=1).mean()))
-
-    def _moved(self, q: float) -> tuple[FloatArray, FloatArray]:
-        """Patches and normals (S, 3) at a state."""
-        (R,), (t,) = self.joint.motion(np.array([q]))
-        return self.x_world @ R.T + t, self.normal_world @ R.T
-
-    def _ways(self, x_world: FloatArray, q: float) -> FloatArray:
-        """Ways of the patches (S, 3) for a unit of the state."""
-        twist = self.joint.motion_jacobians(np.array([q]))[1][0]
-        return np.asarray(np.cross(twist[:3], x_world) + twist[3:])
-
-    def _solved(
-        self, frame: RgbdFrame, noise: DepthNoiseModel, q: float, config: SurfaceStateConfig
-    ) -> _Solved:
-        """Gauss-Newton from a state."""
-        solved = _Solved(q, 0.0, 0, 0.0)
-        for gate_m in config.gates_m:
-            x, n = self._moved(solved.q)
-            e, sigma, seen = _off_surface(frame, noise, x, n, config)
-            good = np.flatnonzero(seen & (np.abs(e) < gate_m + config.gate_sigmas * sigma))
-            J = (self._ways(x, solved.q) * n).sum(axis=1)[good]
-            e, sigma = e[good], sigma[good]
-            w = weight((e / sigma) ** 2, config.dof, 1) / sigma**2
-            information = float((w * J * J).sum())
-            if information <= 0:
-                break
-            step, along_m = float((w * J * e).sum()) / information, float(np.sqrt((J**2).mean()))
-            solved = _Solved(solved.q + step, information, good.size, along_m)
-        return solved
-
-
-@dataclass(frozen=True, slots=True)
-class _Solved:
-    """Where Gauss-Newton ended."""
-
-    q: float
-    information: float
-    found: int  # patches
-    along_m: float  # rms way of these along their normals, for a unit of the state
-
-
-def _off_surface(
-    frame: RgbdFrame,
-    noise: DepthNoiseModel,
-    x_world: FloatArray,
-    normal_world: FloatArray,
-    config: SurfaceStateConfig,
-) -> tuple[FloatArray, FloatArray, BoolArray]:
-    """How far the depth at patches lies off them along their normals, its sd, and where seen."""
-    camera, T = frame.camera, frame.T_world_cam
-    R, eye = T.rotation().matrix(), T.translation()
-    rays = x_world - eye
-    cosine = -(normal_world * rays).sum(axis=1) / np.linalg.norm(rays, axis=1)
-    uv = np.nan_to_num(camera.project(rays @ R), nan=-1.0).round()
-    seen = (uv >= 0).all(axis=1) & (uv[:, 0] < camera.width) & (uv[:, 1] < camera.height)
-    u, v = np.where(seen[:, None], uv, 0).astype(int).T
-    z = frame.depth_m[v, u].astype(np.float64)
-    seen &= np.isfinite(z) & (z > 0) & (cosine > config.least_cosine)
-    z = np.where(seen, z, 1.0)
-    p_world = camera.back_project(uv, z) @ R.T + eye
-    e = ((p_world - x_world) * normal_world).sum(axis=1)
-    sigma = noise.sigma_m(z, camera.fx) * np.maximum(cosine, config.least_cosine)
-    return e, sigma, np.asarray(seen)
 
 
 def with_surface_states(

@@ -67,13 +67,14 @@ def test_covered_or_gone_there_is_no_state(surface):
 def test_a_part_that_slides_within_its_own_plane_tells_no_state(surface):
     """Its surface is there, wherever it has gone."""
     clip, here = surface
-    across = np.cross(here.normal_world[0], [0.0, 0.0, 1.0])
-    flat = np.broadcast_to(here.normal_world[0], here.normal_world.shape)
+    known = here.surface
+    across = np.cross(known.normal_world[0], [0.0, 0.0, 1.0])
+    flat = np.broadcast_to(known.normal_world[0], known.normal_world.shape)
     joint = replace(
         estimated(clip).fitted.posterior.alternatives["prismatic"].joint.joint,
-        T_world_joint=_along(across / np.linalg.norm(across), here.x_world.mean(axis=0)),
+        T_world_joint=_along(across / np.linalg.norm(across), known.x_world.mean(axis=0)),
     )
-    sliding = replace(here, joint=joint, normal_world=flat)
+    sliding = replace(here, surface=replace(known, joint=joint, normal_world=flat))
     assert sliding.state(clip.frames[0], NOISE, 0.0, CONFIG) is None
 
 
