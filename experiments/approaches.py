@@ -101,7 +101,7 @@ def _clear_start(world: SimWorld, rng: np.random.Generator) -> FloatArray:
 
 def _approach(world: SimWorld, arm: SimFranka) -> ApproachRow:
     """Moves and watches until the fingers begin to close."""
-    grasp, touched = world.placement.T_world_grasp, set[str]()
+    grasp, touched = world.placement.given_grasp(), set[str]()
     recorder, infeasible, blocked = arm.record(), None, None
     watch = _ContactWatch(world)
     began, plan_s, closest_m = time.process_time(), 0.0, np.inf
@@ -158,7 +158,7 @@ class _ContactWatch:
         return min((x.distance_m for x in near if x.link not in self._fingers), default=np.inf)
 
     def _near(self, arm: SimFranka) -> bool:
-        grasp = self._world.placement.T_world_grasp
+        grasp = self._world.placement.given_grasp()
         off = arm.T_world_gripper().translation() - grasp.translation()
         return bool(np.linalg.norm(off) < NEAR_M)
 

@@ -5,7 +5,7 @@
 
 A test of the simulated arm and hand, never used by the program: the arm knows the scene's true
 shapes, so that what a camera sees does not matter; the hand takes the handle at the
-grasp that the scene's builder knows (`placement.T_world_grasp`) and either follows the true motion
+grasp that the scene's builder knows (`placement.given_grasp()`) and either follows the true motion
 of the handle (`arc`) or pulls compliantly along the front's normal as the program does (`pull`). An
 object counts as opened when its part has moved by 10 cm or 20 deg. Writes one JSON row an object
 and way, runs none twice, and prints a table for docs/experiments.md. About 8 s of CPU an object

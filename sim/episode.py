@@ -13,8 +13,9 @@ from sim.camera.camera import CameraConfig, SimCamera
 from sim.camera.mirror import Scene
 from sim.camera.noise import NOISE_LEVELS
 from sim.camera.rig import PERFECT, DrawnRig, RigErrors
-from sim.camera.views import ViewConfig, camera_pose
+from sim.camera.views import FixedViewConfig, ViewConfig, camera_pose, fixed_view
 from sim.objects.imported.imported_spec import ImportOptions
+from sim.objects.staging import PlacementMode
 from sim.robot.franka import SimFranka
 from sim.robot.franka_config import FrankaConfig
 from sim.world import SimWorld, WorldConfig
@@ -27,10 +28,18 @@ class SimEpisode:
     world: SimWorld
     arm: SimFranka
     camera: SimCamera
-    T_world_grasp: gtsam.Pose3  # the given contact: a grasp of the closed handle
     pull_direction_world: FloatArray  # (3,) unit, out of the front
     rig: DrawnRig  # how camera and arm err. For scoring alone
     calibration: CalibrationErrors | None  # how they may err, as the robot knows; None: not at all
+
+    @property
+    def T_world_grasp(self) -> gtsam.Pose3:
+        """The given contact: a grasp of the closed handle.
+
+        Raises:
+            ValueError: none is given, as at the published placement.
+        """
+        return self.world.placement.given_grasp()
 
     def truth(self) -> JointTruth:
         """The true joint and its state now. For scoring alone."""
@@ -53,9 +62,11 @@ def open_world(
     world_config: WorldConfig | None = None,
     franka_config: FrankaConfig | None = None,
     camera_config: CameraConfig | None = None,
-    view: ViewConfig | None = None,
+    view: ViewConfig | FixedViewConfig | None = None,
     scene: Scene | None = None,
     rig: RigErrors | None = None,
+    placement: PlacementMode = "reachable",
+    locked: bool = False,
 ) -> Iterator[SimEpisode]:
     """Opens the simulated world of one object and closes it again.
 
@@ -69,30 +80,48 @@ def open_world(
         world_config: physics.
         franka_config: arm and gripper.
         camera_config: image size, rendering and noise.
-        view: where the camera stands.
+        view: where the camera stands: `FixedViewConfig` is the same for every object, and its lens
+            comes before the camera's focal length; `ViewConfig` is on the hinge's side. Without
+            it, the one that goes with the placement.
         scene: draws the pictures; found by trial if absent (`sim.camera.rendering`).
         rig: how large the errors of camera and arm are, which the seed draws; none if absent.
+        placement: `reachable`, where the arm can open the part, with the grasp for it given; or
+            `published`, where the paper's ranges put the object, for exploration.
+        locked: the part that would be free is jammed like every other front. Nothing on the robot
+            can tell but by pulling.
 
     Raises:
         ValueError: no such object or noise level.
         InputError: no such suite, object, file or joint, or a broken file.
-        MotionInfeasible: no pose of the object can be opened by the arm.
+        MotionInfeasible: no pose of the object can be opened by the arm (`reachable` alone).
     """
     if noise is not None and noise not in NOISE_LEVELS:
         raise ValueError(f"noise {noise!r}, expected one of {', '.join(NOISE_LEVELS)}")
     config = camera_config or CameraConfig()
     if noise is not None:
         config = replace(config, noise=NOISE_LEVELS[noise])
-    with SimWorld(object_name, seed, world_config, joint=joint, options=import_options) as world:
+    view = view or (FixedViewConfig() if placement == "published" else ViewConfig())
+    if isinstance(view, FixedViewConfig):
+        config = replace(config, focal_px=view.focal_px(config.height))
+    with SimWorld(
+        object_name,
+        seed,
+        world_config,
+        joint=joint,
+        options=import_options,
+        placement=placement,
+        locked=locked,
+    ) as world:
         rig = rig or PERFECT
         drawn = rig.drawn(seed)
         calibration = None if rig == PERFECT else rig.calibration()
         arm = SimFranka(world, franka_config, drawn.joint_offsets_rad)
-        T_world_cam = camera_pose(world, view or ViewConfig())
+        T_world_cam = (
+            fixed_view(view) if isinstance(view, FixedViewConfig) else camera_pose(world, view)
+        )
         camera = SimCamera(world, T_world_cam, seed, config, scene, drawn)
-        grasp = world.placement.T_world_grasp
         outwards = -world.placement.T_world_object.rotation().matrix()[:, 1]  # y is into it
         try:
-            yield SimEpisode(world, arm, camera, grasp, outwards, drawn, calibration)
+            yield SimEpisode(world, arm, camera, outwards, drawn, calibration)
         finally:
             camera.close()

@@ -22,7 +22,7 @@ from sim.objects.imported.imported_spec import ImportOptions
 from sim.objects.mechanisms import resistance
 from sim.objects.meshes import Box, write_textured_boxes
 from sim.objects.part_spec import PartSpec
-from sim.objects.staging import find_spec, stage
+from sim.objects.staging import PlacementMode, find_spec, stage
 from sim.objects.textures import Rgb, floor, plaster
 from sim.objects.urdf.urdf_files import PART_JOINT
 from sim.robot.contacts import finger_links
@@ -43,6 +43,7 @@ class WorldConfig:
     pad_damping_n_s_m: float = 2e4
 
 
+LOCK_FORCE = 1e4  # N or N m, of a locked joint: the arm can exert a hundred
 ROOM_CELL_M = 1.5  # side of a cell of floor and walls
 ROOM_URDF = (
     '<robot name="{name}"><link name="{name}"><inertial><mass value="0"/>'
@@ -69,9 +70,22 @@ class SimWorld:
         *,
         joint: str | None = None,
         options: ImportOptions | None = None,
+        placement: PlacementMode = "reachable",
+        locked: bool = False,
     ) -> None:
-        """Finds the object; files are read (`sim.objects.staging`), nothing is built yet."""
+        """Finds the object; files are read (`sim.objects.staging`), nothing is built yet.
+
+        Args:
+            object_name: as `find_spec` takes it.
+            seed: of what varies from one meeting to the next.
+            config: physics.
+            joint: of a file or folder, the one that is free.
+            options: what else to say of a file or folder.
+            placement: where the object stands (`sim.objects.staging.stage`).
+            locked: whether the part that would be free is jammed as well.
+        """
         self.spec: PartSpec = find_spec(object_name, seed, joint, options)
+        self._placement_mode, self._locked = placement, locked
         self.config = config or WorldConfig()
         self.arm_description = franka_description()  # of what PyBullet loads
         self.kinematics = FrankaKinematics(description=self.arm_description)
@@ -82,7 +96,7 @@ class SimWorld:
     def __enter__(self) -> SimWorld:
         self._folder = tempfile.TemporaryDirectory(prefix="akm-fg-sim-")
         folder = Path(self._folder.name)
-        self.built, self.placement = stage(self.spec, self.kinematics)
+        self.built, self.placement = stage(self.spec, self.kinematics, self._placement_mode)
         files = self.built.urdf.parent
         self.client = connect()
         self._entered = True
@@ -185,7 +199,8 @@ class SimWorld:
         T, (width, depth, _) = self.placement.T_world_object, self.spec.size_m
         ground, plinth = self.placement.floor_m, self.placement.plinth_m
         images = [floor(rng), plaster(rng)]
-        behind = _above(2.0 - plinth, y=depth / 2 + 0.1)
+        upright = gtsam.Pose3(gtsam.Rot3.Ry(-self.placement.roll_rad), np.zeros(3))
+        behind = upright * _above(2.0 - plinth, y=depth / 2 + 0.1)
         self._add_still(folder, "floor", images[0], [16.0, 16.0, 0.05], _above(ground - 0.025), [4])
         self._add_still(folder, "wall", images[1], [16.0, 0.05, 4.0], T * behind, [3])
         grey = np.asarray(0.55 * plaster(rng), dtype=np.uint8)
@@ -233,14 +248,17 @@ class SimWorld:
     def _furnish(self) -> None:
         """Coulomb friction as a velocity motor of bounded force; viscous damping; contact."""
         spec = self.spec
-        p.setJointMotorControl2(
-            self.object_id,
-            self.part_joint,
-            p.VELOCITY_CONTROL,
-            targetVelocity=0.0,
-            force=spec.friction,
-            physicsClientId=self.client,
-        )
+        if self._locked:
+            self._lock()
+        else:
+            p.setJointMotorControl2(
+                self.object_id,
+                self.part_joint,
+                p.VELOCITY_CONTROL,
+                targetVelocity=0.0,
+                force=spec.friction,
+                physicsClientId=self.client,
+            )
         p.changeDynamics(
             self.object_id,
             self.part_joint,
@@ -248,6 +266,17 @@ class SimWorld:
             lateralFriction=spec.handle_mu,
             linearDamping=0.0,
             angularDamping=0.0,
+            physicsClientId=self.client,
+        )
+
+    def _lock(self) -> None:
+        """A motor stronger than any hand holds the part closed; it looks as it always does."""
+        p.setJointMotorControl2(
+            self.object_id,
+            self.part_joint,
+            p.POSITION_CONTROL,
+            targetPosition=0.0,
+            force=LOCK_FORCE,
             physicsClientId=self.client,
         )
 

@@ -23,6 +23,32 @@ class ViewConfig:
     below_m: float = 0.05  # and this far below its middle
 
 
+@dataclass(frozen=True, slots=True)
+class FixedViewConfig:
+    """The paper's camera: beside the robot's base, about a metre high, for every object alike.
+
+    The lens belongs to the place, because the whole object is to be in view: the paper's opens
+    90 deg upright. A D455 measures depth within 59 deg upright (848 x 480 at 425 px); this camera
+    has that field, of which it takes the middle columns, and stands back until the tallest and
+    the widest objects at their nearest place fit into it (`tests/sim/camera/test_views.py`).
+    From 30 deg off the base's axis it still sees, at 70 deg of incidence, the front of a door
+    that has its hinge on the other side and stands open by 40 deg.
+    """
+
+    eye_m: tuple[float, float, float] = (-0.60, 0.70, 1.10)  # in the robot's base frame
+    target_m: tuple[float, float, float] = (0.60, 0.31, 0.67)
+    upright_field_rad: float = 2.0 * float(np.arctan(240.0 / 425.0))
+
+    def focal_px(self, height_px: int) -> float:
+        """Focal length of an image that is so high."""
+        return height_px / 2.0 / float(np.tan(self.upright_field_rad / 2.0))
+
+
+def fixed_view(view: FixedViewConfig) -> gtsam.Pose3:
+    """T_world_cam, from nothing but where the robot stands."""
+    return look_at(np.array(view.eye_m), np.array(view.target_m))
+
+
 def sample_view(rng: np.random.Generator, front_m: float) -> ViewConfig:
     """A view as people set up a camera: about the default, never twice the same.
 

@@ -1,6 +1,8 @@
 """Where a cabinet stands so that the Franka can grasp its handle and open it all the way.
 
-The builder of the scene may know the joint; the arm and the camera never do.
+The builder of the scene may know the joint; the arm and the camera never do. This is for what
+is about the time after the grasp: the demo with its given contact, recordings, the arm's own
+measures. What must first be found stands where the paper puts it (`sim.objects.published_place`).
 """
 
 from __future__ import annotations
@@ -36,9 +38,20 @@ class Placement:
     """A pose of the object and the grasp at its closed handle."""
 
     T_world_object: gtsam.Pose3
-    T_world_grasp: gtsam.Pose3
+    T_world_grasp: gtsam.Pose3 | None  # None where no contact is given
     floor_m: float = 0.0  # height of the floor: below 0, the robot stands on a pedestal
     plinth_m: float = 0.0  # of what the object stands on, above the floor
+    roll_rad: float = 0.0  # of the object about its front's normal; the room stays upright
+
+    def given_grasp(self) -> gtsam.Pose3:
+        """T_world_grasp of an object that was placed together with its contact.
+
+        Raises:
+            ValueError: no contact is given, as where the paper puts objects.
+        """
+        if self.T_world_grasp is None:
+            raise ValueError("no grasp is given at the published placement, expected 'reachable'")
+        return self.T_world_grasp
 
 
 def opened(built: BuiltObject, state: float) -> gtsam.Pose3:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
+from typing import Literal, get_args
 
 from akm_fg.arm.body.kinematics import FrankaKinematics
 from akm_fg.errors import InputError
@@ -23,6 +24,7 @@ from sim.objects.imported.partnet import JOINT_MARK, PREFIX, URDF, load_folder, 
 from sim.objects.object_record import read_record, spec_text, write_record
 from sim.objects.part_spec import BuiltObject, PartSpec
 from sim.objects.placement import Placement, place
+from sim.objects.published_place import place_as_published
 from sim.objects.suites.catalogue import ALL_SUITES, load_spec
 from sim.objects.suites.furniture_build import build_furniture
 from sim.objects.suites.furniture_place import place_furniture
@@ -78,41 +80,64 @@ def _find_imported(name: str, seed: int, options: ImportOptions) -> ImportedSpec
     return None
 
 
-def stage(spec: PartSpec, kinematics: FrankaKinematics) -> tuple[BuiltObject, Placement]:
-    """The object's files, from the cache or built now, and a place that the arm can work at.
+PlacementMode = Literal["reachable", "published"]
+
+
+def stage(
+    spec: PartSpec, kinematics: FrankaKinematics, mode: PlacementMode = "reachable"
+) -> tuple[BuiltObject, Placement]:
+    """The object's files, from the cache or built now, and where it stands.
+
+    Args:
+        spec: the object.
+        kinematics: of the arm that is to work on it.
+        mode: `reachable`, where the arm can open the part all the way, with the grasp for it; or
+            `published`, where the paper's ranges put it (`sim.objects.published_place`).
 
     Raises:
-        MotionInfeasible: there is no such place.
+        MotionInfeasible: there is no reachable place.
+        ValueError: no such mode.
     """
+    if mode not in get_args(PlacementMode):
+        raise ValueError(f"placement {mode!r}, expected one of {get_args(PlacementMode)}")
 
     def make(folder: Path) -> None:
-        write_record(folder, *build_and_place(spec, folder, kinematics))
+        write_record(folder, *build_and_place(spec, folder, kinematics, mode))
 
     # Where a file lies and how it is called does not matter: its content is in the spec.
     text = spec_text(
         replace(spec, urdf=Path(), name="") if isinstance(spec, ImportedSpec) else spec
     )
     readable = "user" if isinstance(spec, ImportedSpec) else spec.name.replace("/", "-")
-    return read_record(kept(f"{readable}-{digest(code_digest(), text)}", make), spec)
+    return read_record(kept(f"{readable}-{digest(code_digest(), text, mode)}", make), spec)
 
 
 def build_and_place(
-    spec: PartSpec, folder: Path, kinematics: FrankaKinematics
+    spec: PartSpec, folder: Path, kinematics: FrankaKinematics, mode: PlacementMode = "reachable"
 ) -> tuple[BuiltObject, Placement]:
     """Builds the object's files in `folder` and finds it a place, without the cache.
 
     Raises:
-        MotionInfeasible: there is no such place.
+        MotionInfeasible: there is no reachable place.
     """
+    built = _build(spec, folder)
+    if mode == "published":
+        return built, place_as_published(built)
     if isinstance(spec, FurnitureSpec):
-        built = build_furniture(spec, folder)
         return built, place_furniture(built, spec, kinematics)
     if isinstance(spec, HouseholdSpec):
-        built = build_household(spec, folder)
         return built, place_household(built, spec, kinematics)
     if isinstance(spec, ImportedSpec):
-        built = build_imported(spec, folder)
         return built, place_imported(built, spec, kinematics)
-    assert isinstance(spec, ObjectSpec)
-    built = build_object(spec, folder)
     return built, place(built, kinematics)
+
+
+def _build(spec: PartSpec, folder: Path) -> BuiltObject:
+    if isinstance(spec, FurnitureSpec):
+        return build_furniture(spec, folder)
+    if isinstance(spec, HouseholdSpec):
+        return build_household(spec, folder)
+    if isinstance(spec, ImportedSpec):
+        return build_imported(spec, folder)
+    assert isinstance(spec, ObjectSpec)
+    return build_object(spec, folder)

@@ -48,3 +48,20 @@ def test_a_balanced_door_stays_where_it_is_left():
             for _ in range(400):
                 world.step()
             assert world.part_state() == pytest.approx(state, abs=2e-3)
+
+
+@pytest.mark.parametrize("name", ["door", "drawer"])
+def test_a_locked_part_does_not_give_to_eighty_newtons_and_a_free_one_does(name: str):
+    """The motor that locks it is the only difference."""
+    moved = []
+    for locked in (True, False):
+        with SimWorld(name, 1, placement="published", locked=locked) as world:
+            built, T = world.built, world.placement.T_world_object
+            at = T.transformFrom(built.T_object_handle.translation()).tolist()
+            pull_n = (-80.0 * T.rotation().matrix()[:, 1]).tolist()
+            for _ in range(500):
+                where = (world.object_id, world.part_joint, pull_n, at, p.WORLD_FRAME)
+                p.applyExternalForce(*where, physicsClientId=world.client)
+                world.step()
+            moved.append(abs(world.part_state()))
+    assert moved[0] < 1e-3 and moved[1] > 0.05

@@ -266,7 +266,7 @@ def test_the_palm_stays_clear_of_the_board_whose_edge_is_pinched(seed: int):
     with SimWorld("furniture-dev/door-014", seed) as world:
         boards = [replace(shape, spared=FINGERS) for shape in true_obstacles(world)]
         choice = choose_grasp_configuration(
-            world.kinematics, world.placement.T_world_grasp, ReachConfig(starts=4)
+            world.kinematics, world.placement.given_grasp(), ReachConfig(starts=4)
         )
         assert choice is not None
         assert ArmCollisions(boards, FrankaConfig().arrival_m).touched(choice.q_grasp) is None

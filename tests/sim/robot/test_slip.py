@@ -16,7 +16,7 @@ def test_a_hand_that_rides_on_the_part_does_not_slip_and_one_that_moves_on_it_do
     name: str, state: float
 ):
     with SimWorld(name, 3) as world:
-        T_world_grasp = world.placement.T_world_grasp
+        T_world_grasp = world.placement.given_grasp()
         gauge = SlipGauge(world, T_world_grasp)
         T_part_grasp = true_part_pose(world).between(T_world_grasp)
         p.resetJointState(world.object_id, world.part_joint, state, physicsClientId=world.client)
