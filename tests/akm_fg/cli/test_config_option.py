@@ -66,7 +66,7 @@ def test_a_stream_is_tuned_by_the_file_too(drawer, tmp_path: Path):
     mine.write_text("[stream.thinking]\nmax_keyframes = 4\nresting_keyframes = 9\n")
     config = read_config(mine, AkmConfig())
     kept = []
-    for settings in (AkmConfig().model, config.model):
+    for settings in (AkmConfig().model_settings, config.model_settings):
         stream = FrameStream("clip", settings)
         kept.append([stream.add(frame).keyframes for frame in drawer.frames[:8]][-1])
     assert kept == [8, 4]
