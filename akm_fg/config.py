@@ -22,6 +22,7 @@ class StageNames:
 
     tracker: str = "flow"
     segmenter: str = "depth"
+    grasps: str = "antipodal"
     own: dict[str, dict[str, Any]] = field(default_factory=dict)  # a backend's name -> its settings
 
 

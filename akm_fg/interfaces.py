@@ -90,6 +90,46 @@ class ObjectSegmenter(Protocol):
 
 
 @dataclass(frozen=True, slots=True)
+class GraspCandidate:
+    """A pose of the hand in which closing the fingers may hold something."""
+
+    T_world_grasp: gtsam.Pose3  # of the point between the fingertips; axes as in `Arm`
+    quality: float  # probability that the grasp holds when it is pulled with 40 to 80 N
+    width_m: float  # between the fingers once they have closed
+
+    def __post_init__(self) -> None:
+        if not 0.0 <= self.quality <= 1.0:
+            raise ValueError(f"quality {self.quality}, expected a probability")
+
+
+class GraspSampler(Protocol):
+    """Proposes grasps about a contact, from one frame. Whether the arm gets there it cannot know.
+
+    Candidates come best first; none is an answer too.
+    """
+
+    def sample(
+        self,
+        frame: RgbdFrame,
+        mask: BoolArray,
+        p_world_contact: FloatArray,
+        normal_world: FloatArray,
+    ) -> tuple[GraspCandidate, ...]:
+        """Grasps about a contact (3,), given the unit normal (3,) of the front it belongs to.
+
+        Args:
+            frame: the robot's own pixels carry no depth.
+            mask: (H, W) the object.
+            p_world_contact: on the surface that is seen.
+            normal_world: out of the object.
+
+        Raises:
+            ValueError: a mask of another size, or a contact or normal that is not finite.
+        """
+        ...
+
+
+@dataclass(frozen=True, slots=True)
 class SeenPixels:
     """The followed points that one frame shows."""
 

@@ -36,6 +36,7 @@ INSIDE = {
     "perception": RECORDS | {"interfaces", "geometry"},
     "estimation": RECORDS | {"posterior", "geometry"},
     "arm": RECORDS | {"interfaces"},
+    "grasping": RECORDS | {"interfaces", "arm"},
     "planning": RECORDS | {"posterior"},
     "io": RECORDS | {"posterior", "posterior_views"},
     "report": RECORDS | {"posterior", "io"},
@@ -57,7 +58,7 @@ INNER = {
     ],
     "akm_fg/perception": [
         {"depth"},
-        {"tracking"},
+        {"fronts", "tracking"},
         {"moving_part", "observed"},
         {"change"},
         {"surface"},

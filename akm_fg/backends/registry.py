@@ -8,7 +8,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, TypeVar
 
-from akm_fg.backends import segmenters, trackers
+from akm_fg.backends import grasps, segmenters, trackers
 from akm_fg.config import AkmConfig
 from akm_fg.errors import InputError
 from akm_fg.io.config_file import with_changes
@@ -78,7 +78,7 @@ def stages_of(config: AkmConfig) -> Stages:
         InputError: a backend that does not exist, or refuses its settings.
         MissingDependency: what it needs is not installed.
     """
-    known = (*names(trackers), *names(segmenters))
+    known = (*names(trackers), *names(segmenters), *names(grasps))
     for name in config.stages.own:
         if name not in known:
             raise InputError(

@@ -197,6 +197,72 @@ def depth_noise(rng: np.random.Generator, depth: np.ndarray, focal_px: float) ->
     return white / white.std() * DISPARITY_SD_PX * depth**2 / (focal_px * BASELINE_M)
 
 
+def photograph(
+    camera: PinholeCamera, T_world_cam: gtsam.Pose3, quads: list[Quad], rng: np.random.Generator
+) -> RgbdFrame:
+    """One frame of quads that stand still, with a stereo camera's noise and lost edges."""
+    rgb, depth, _ = render(camera, T_world_cam, quads)
+    noisy = np.where(np.isfinite(depth), depth, np.nan)
+    noisy = noisy + depth_noise(rng, np.nan_to_num(noisy, nan=1.0), camera.fx)
+    edge = cv2.Laplacian(np.nan_to_num(depth, posinf=9).astype(np.float32), cv2.CV_32F)
+    noisy[(np.abs(edge) > 0.05) & (rng.random(depth.shape) < 0.3)] = np.nan
+    image = np.clip(rgb + rng.normal(scale=2.0, size=rgb.shape), 0, 255).astype(np.uint8)
+    return RgbdFrame(0.0, image, noisy.astype(np.float32), camera, T_world_cam)
+
+
+@dataclass(frozen=True)
+class Chest:
+    """A chest of drawers, its front in the plane x = 0.62 facing the robot at the origin."""
+
+    rows: int = 3
+    handles: bool = True
+    contrast: float = 20.0
+    bar_m: float = 0.012
+    reach_m: float = 0.04  # from the fronts to the middle of the bars
+    eye: tuple[float, float, float] = (-0.05, 0.45, 1.0)
+
+    front_x = 0.62
+    height_m = 0.72
+    half_width_m = 0.26
+
+    @property
+    def bars(self) -> np.ndarray:
+        """(rows, 3) middles of the bars, from below."""
+        z = (np.arange(self.rows) + 0.6) * self.height_m / self.rows
+        x = self.front_x - self.reach_m
+        return np.column_stack([np.full(self.rows, x), np.zeros(self.rows), z])
+
+    def quads(self) -> list[Quad]:
+        w, x, t = self.half_width_m, self.front_x, self.bar_m / 2
+        wood, metal = texture(4, self.contrast, (170, 130, 90)), texture(5, 10, (60, 60, 65))
+        quads = box((x + 0.02, -w, 0.0), (x + 0.5, w, self.height_m), BODY, 0.6 * wood)
+        quads += box((-2, -2, -0.1), (3, 2, 0.0), BACKGROUND, texture(2, 15, (120, 120, 115)))
+        quads += box((1.3, -2, -0.1), (1.4, 2, 2.5), BACKGROUND, texture(3, 6, (200, 200, 190)))
+        step = self.height_m / self.rows
+        for i, (bx, _, bz) in enumerate(self.bars):
+            low, high = i * step + 0.003, (i + 1) * step - 0.003
+            board = box((x, -w + 0.003, low), (x + 0.02, w - 0.003, high), PART, wood)
+            in_shade = [replace(side, texture=0.5 * side.texture) for side in board[-2:]]
+            quads += board[:-2] + in_shade  # below and above, between the fronts
+            if self.handles:
+                quads += box((bx - t, -0.07, bz - t), (bx + t, 0.07, bz + t), PART, metal)
+                for y in (-0.06, 0.06):
+                    quads += box((bx, y - 0.005, bz - t), (x, y + 0.005, bz + t), PART, metal)
+        return quads
+
+    @lru_cache(maxsize=8)  # noqa: B019  a handful of scenes a session
+    def frame(self, seed: int = 0) -> RgbdFrame:
+        camera = PinholeCamera(800, 600, 480.0, 480.0, 399.5, 299.5)
+        T = look_at(np.array(self.eye), np.array([self.front_x, 0.0, 0.4 * self.height_m]))
+        return photograph(camera, T, self.quads(), np.random.default_rng(seed))
+
+
+@pytest.fixture(scope="session")
+def make_chest():
+    """The class of chests of drawers: make_chest(rows=2).frame(seed)."""
+    return Chest
+
+
 @lru_cache(maxsize=16)
 def film(scene: Cabinet, last: float, n: int, robot: bool = False, seed: int = 0) -> Clip:
     """n frames in which the part goes from 0 to `last`; a robot's arm may pass in front."""

@@ -66,7 +66,7 @@ class ArmCollisions:
             MissingDependency: no description is given, and none is installed.
             InputError: the description cannot be read.
         """
-        self._model, hulls = _robot(description or franka_description())
+        self._model, hulls = hull_parts(description or franka_description())
         self._data = self._model.createData()
         self._geometry = hulls.copy()
         n_robot = self._geometry.ngeoms
@@ -171,7 +171,7 @@ def arm_corners(q: FloatArray, description: ArmDescription | None = None) -> lis
 
 def _placements(q: FloatArray, description: ArmDescription) -> list[pin.SE3]:
     """Of the hulls at joint angles (7,), fingers open, without the base's; in the world."""
-    model, hulls = _robot(description)
+    model, hulls = hull_parts(description)
     data, places = model.createData(), hulls.createData()
     fingers = np.full(model.nq - N_ARM, 0.04)
     pin.updateGeometryPlacements(model, data, hulls, places, np.concatenate([q, fingers]))
@@ -179,7 +179,7 @@ def _placements(q: FloatArray, description: ArmDescription) -> list[pin.SE3]:
 
 
 @functools.cache
-def _robot(description: ArmDescription) -> tuple[pin.Model, pin.GeometryModel]:
+def hull_parts(description: ArmDescription) -> tuple[pin.Model, pin.GeometryModel]:
     """The robot's model and its convex hulls, in the order of ROBOT_LINKS, with self-collisions."""
     model = read_model(description)
     meshes = read_meshes(description, model)
@@ -198,7 +198,7 @@ def _robot(description: ArmDescription) -> tuple[pin.Model, pin.GeometryModel]:
 def _solids(description: ArmDescription) -> list[tuple[FloatArray, FloatArray]]:
     """Of each hull but the base's: corners (K, 3) and faces (F, 4), normal and offset."""
     result = []
-    for shape in list(_robot(description)[1].geometryObjects)[1:]:
+    for shape in list(hull_parts(description)[1].geometryObjects)[1:]:
         corners = np.array([shape.geometry.point(i) for i in range(shape.geometry.num_points)])
         result.append((corners, ConvexHull(corners).equations))
     return result

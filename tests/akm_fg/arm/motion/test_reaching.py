@@ -8,7 +8,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from akm_fg.arm.body.collision import Obstacle, _robot
+from akm_fg.arm.body.collision import Obstacle, hull_parts
 from akm_fg.arm.body.description import franka_description
 from akm_fg.arm.body.impedance import ImpedanceConfig
 from akm_fg.arm.body.kinematics import Q_HOME, FrankaKinematics
@@ -78,7 +78,7 @@ def test_branches_that_would_touch_something_are_left_out():
 
 
 def corners_of_link(q: np.ndarray, link: str) -> np.ndarray:
-    model, hulls = _robot(franka_description())
+    model, hulls = hull_parts(franka_description())
     data, places = model.createData(), hulls.createData()
     pin.updateGeometryPlacements(model, data, hulls, places, np.concatenate([q, [0.04, 0.04]]))
     k = ROBOT_LINKS.index(link)

@@ -1,0 +1,148 @@
+"""Where a hand might take hold of an object, from its shape alone, and how promising that is.
+
+What sticks out of a front is made to be held. Where nothing does, a front may be held by an edge
+that stands free, or in a recess; in its middle hardly ever.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from akm_fg.perception.fronts.find_fronts import FrontsConfig, find_fronts
+from akm_fg.perception.fronts.front_records import (
+    ContactCandidate,
+    ContactKind,
+    Front,
+    Fronts,
+    Protrusion,
+)
+from akm_fg.records import BoolArray, FloatArray, RgbdFrame
+
+
+@dataclass(frozen=True, slots=True)
+class ContactConfig:
+    """Which places are proposed. Priors: docs/decisions/0018."""
+
+    fronts: FrontsConfig = field(default_factory=FrontsConfig)
+    protrusion: float = 0.85
+    odd_protrusion: float = 0.25  # no hand closes around it, or it is too short to hold
+    protrusion_end: float = 0.5  # a long one, not in its middle
+    recess: float = 0.3
+    edge: float = 0.12
+    plain: float = 0.02
+    not_facing: float = 0.15  # times, where a front looks away from the robot or lies
+    facing: float = 0.5  # cosine between a front's normal and the horizontal way to the robot
+    long_m: float = 0.12  # a protrusion that is held at other places than its middle too
+    graspable_m: tuple[float, float] = (0.003, 0.07)  # width across, of the hand's opening
+    inset_m: float = 0.018  # of an edge's contact: half a finger
+    seen_within_m: float = 0.02  # a place is proposed where something was seen so near to it
+    most: int = 60
+
+
+def contact_candidates(
+    frame: RgbdFrame, mask: BoolArray, config: ContactConfig | None = None
+) -> tuple[ContactCandidate, ...]:
+    """Places to take hold of, the most promising first; none where no front is seen.
+
+    Args:
+        frame: the robot's own pixels carry no depth; the world is the robot's.
+        mask: (H, W) the object.
+        config: tuning.
+
+    Raises:
+        ValueError: the mask has another size than the image.
+    """
+    config = config or ContactConfig()
+    return contacts_of(find_fronts(frame, mask, config.fronts), frame, mask, config)
+
+
+def contacts_of(
+    fronts: Fronts, frame: RgbdFrame, mask: BoolArray, config: ContactConfig | None = None
+) -> tuple[ContactCandidate, ...]:
+    """The same of fronts that were found already."""
+    config = config or ContactConfig()
+    seen = _Seen(frame, mask)
+    found = [c for p in fronts.protrusions for c in _of_protrusion(p, fronts, seen, config)]
+    for i, front in enumerate(fronts.fronts):
+        found.extend(_of_front(i, front, seen, config))
+    return tuple(sorted(found, key=lambda c: -c.prior)[: config.most])
+
+
+class _Seen:
+    """The object's points, to look places up in."""
+
+    def __init__(self, frame: RgbdFrame, mask: BoolArray) -> None:
+        self._camera, self._T = frame.camera, frame.T_world_cam
+        self._depth = np.where(frame.depth_m > 0, frame.depth_m, np.nan)
+        self._mask = mask
+
+    def nearest(self, p_world: FloatArray, within_m: float) -> tuple[FloatArray, FloatArray] | None:
+        """Point (3,) and pixel (2,) of what was seen nearest to a place (3,), or None."""
+        p_cam = self._T.transformTo(p_world)
+        uv = self._camera.project(p_cam)
+        if not np.isfinite(uv).all():
+            return None
+        reach = int(np.ceil(within_m * self._camera.fx / p_cam[2])) + 1
+        u0, v0 = (int(x) for x in np.rint(uv))
+        low_u, low_v = max(u0 - reach, 0), max(v0 - reach, 0)
+        window = np.s_[low_v : max(v0 + reach + 1, 0), low_u : max(u0 + reach + 1, 0)]
+        v, u = np.nonzero(self._mask[window] & np.isfinite(self._depth[window]))
+        if not len(u):
+            return None
+        pixels = np.column_stack([u + low_u, v + low_v]).astype(float)
+        depth = self._depth[window][v, u].astype(float)
+        off = np.linalg.norm(self._camera.back_project(pixels, depth) - p_cam, axis=1)
+        best = int(off.argmin())
+        if off[best] > within_m:
+            return None
+        found = self._T.transformFrom(self._camera.back_project(pixels[best], depth[best]))
+        return found, pixels[best]
+
+
+def _of_protrusion(
+    protrusion: Protrusion, fronts: Fronts, seen: _Seen, config: ContactConfig
+) -> Iterator[ContactCandidate]:
+    """Its middle; of a long one places towards its ends too."""
+    front = fronts.fronts[protrusion.front]
+    least, most = config.graspable_m
+    fits = least < protrusion.width_m < most and protrusion.height_m > least
+    prior = (config.protrusion if fits else config.odd_protrusion) * _facing(front, config)
+    yield ContactCandidate(
+        protrusion.p_world, protrusion.uv, protrusion.front, front.normal_world, prior, "protrusion"
+    )
+    if protrusion.length_m > config.long_m:
+        for side in (-0.3, 0.3):
+            place = protrusion.p_world + side * protrusion.length_m * protrusion.axis_world
+            at = seen.nearest(place, config.seen_within_m)
+            if at is not None:
+                lower = prior * config.protrusion_end
+                yield ContactCandidate(
+                    at[0], at[1], protrusion.front, front.normal_world, lower, "protrusion"
+                )
+
+
+def _of_front(
+    index: int, front: Front, seen: _Seen, config: ContactConfig
+) -> Iterator[ContactCandidate]:
+    """The middles of its edges, and its own middle."""
+    facing = _facing(front, config)
+    middle, half = (front.lower_m + front.upper_m) / 2.0, front.extent_m / 2.0
+    places: list[tuple[FloatArray, ContactKind, float]] = [(middle, "plain", config.plain)]
+    inner = np.maximum(half - config.inset_m, 0.0)
+    for x, y in ((-1.0, 0.0), (1.0, 0.0), (0.0, -1.0), (0.0, 1.0)):
+        places.append((middle + inner * np.array([x, y]), "edge", config.edge))
+    for xy, what, prior in places:
+        at = seen.nearest(front.frame.world(np.append(xy, 0.0)), config.seen_within_m)
+        if at is not None:
+            yield ContactCandidate(at[0], at[1], index, front.normal_world, prior * facing, what)
+
+
+def _facing(front: Front, config: ContactConfig) -> float:
+    """1 of a front that looks towards the robot, less of others."""
+    to_robot = -front.middle_world
+    to_robot[2] = 0.0
+    towards = front.normal_world @ to_robot / max(float(np.linalg.norm(to_robot)), 1e-9)
+    return 1.0 if towards > config.facing else config.not_facing

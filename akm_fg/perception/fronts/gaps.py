@@ -1,0 +1,146 @@
+"""Gaps between fronts in a plane: straight lines all the way across that are darker or lighter.
+
+A gap shows as a thin line in colour, wherever depth is too coarse for it. The grain of wood makes
+lines too, but none that keeps its sign and outdoes its neighbours all along a front. A rectangle
+is cut at its clearest gap, the pieces again, and so on: fronts stand in rows and columns.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from akm_fg.perception.fronts.front_picture import FrontPicture
+from akm_fg.records import BoolArray, FloatArray
+
+INTERRUPTED = 100.0  # score of a line where depth shows no plane: clearer than any colour
+
+
+@dataclass(frozen=True, slots=True)
+class GapConfig:
+    """What counts as a gap, and as a front."""
+
+    cell_m: float = 0.0025  # of the pictures: a pixel at 1 m
+    beside_m: float = 0.010  # a line is compared with what is this far to either side
+    bands: int = 10  # along the line: in most of them it has to be seen
+    bands_share: float = 0.7  # handles and what they hide interrupt it
+    clear: float = 2.5  # times what nine tenths of the lines stay below, in each band
+    contrast: float = 2.0  # grey levels, at least
+    least_m: float = 0.07  # narrower than this it is no front, but a strip of the carcass
+    hidden: float = 0.25  # of a line's cells show the plane, at most, where it is interrupted
+    hidden_share: float = 0.9  # of the bands: an upright handle hides a part of them
+    ends_m: float = 0.02  # beside the plane's own end there is always a line
+
+
+@dataclass(frozen=True, slots=True)
+class Rectangle:
+    """Of a plane, in its frame; the sides are gaps, or the plane's ends."""
+
+    lower_m: FloatArray  # (2,)
+    upper_m: FloatArray  # (2,)
+
+
+def rectangles(picture: FrontPicture, config: GapConfig) -> tuple[Rectangle, ...]:
+    """The fronts of a plane; none where it is no wider than a strip."""
+    h, w = picture.own.shape
+    return tuple(
+        Rectangle(
+            picture.lower_m + picture.cell_m * np.array([columns[0], rows[0]]),
+            picture.lower_m + picture.cell_m * np.array([columns[1], rows[1]]),
+        )
+        for rows, columns in _cut(picture, (0, h), (0, w), config)
+    )
+
+
+_Span = tuple[int, int]
+
+
+def _cut(
+    picture: FrontPicture, rows: _Span, columns: _Span, config: GapConfig
+) -> list[tuple[_Span, _Span]]:
+    """Rows and columns of the pieces of a rectangle; strips of the carcass are left out."""
+    own = picture.own[slice(*rows), slice(*columns)]
+    rows, columns = _trimmed(own, rows, columns, config)
+    if min(rows[1] - rows[0], columns[1] - columns[0]) < config.least_m / config.cell_m:
+        return []
+    grey = picture.grey[slice(*rows), slice(*columns)]
+    own = picture.own[slice(*rows), slice(*columns)]
+    across = _clearest(grey, own, config)
+    along = _clearest(grey.T, own.T, config)
+    if across is None and along is None:
+        return [(rows, columns)]
+    if along is None or (across is not None and across[1] >= along[1]):
+        assert across is not None
+        at = columns[0] + across[0]
+        halves = [(rows, (columns[0], at)), (rows, (at, columns[1]))]
+    else:
+        at = rows[0] + along[0]
+        halves = [((rows[0], at), columns), ((at, rows[1]), columns)]
+    return [piece for half in halves for piece in _cut(picture, *half, config)]
+
+
+def _trimmed(own: BoolArray, rows: _Span, columns: _Span, config: GapConfig) -> tuple[_Span, _Span]:
+    """Rows and columns without those at the ends that hardly show the plane."""
+    spans = []
+    for span, seen in ((rows, own.mean(axis=1)), (columns, own.mean(axis=0))):
+        good = np.flatnonzero(seen > config.hidden)
+        low, high = (good[0], good[-1] + 1) if good.size else (0, 0)
+        spans.append((span[0] + int(low), span[0] + int(high)))
+    return spans[0], spans[1]
+
+
+def _clearest(grey: FloatArray, own: BoolArray, config: GapConfig) -> tuple[int, float] | None:
+    """Column of the clearest line across all rows of a picture, and how clear it is; or None."""
+    beside = max(2, round(config.beside_m / config.cell_m))
+    ends = round(config.ends_m / config.cell_m)
+    w = grey.shape[1]
+    if w <= 2 * ends + 2 or min(grey.shape) < config.bands:
+        return None
+    stands_out, seen = _against_both_sides(grey, own, beside)
+    spread = np.empty((config.bands, w))
+    values = np.empty((config.bands, w))
+    for i, band in enumerate(np.array_split(np.arange(grey.shape[0]), config.bands)):
+        weight = seen[band].sum(axis=0)
+        enough = weight >= 0.4 * len(band)
+        mean = (stands_out[band] * seen[band]).sum(axis=0) / np.maximum(weight, 1)
+        values[i] = np.where(enough, mean, np.nan)
+        known = values[i][enough]
+        spread[i] = np.quantile(np.abs(known), 0.9) if known.size else np.inf
+    limit = np.maximum(config.clear * spread, config.contrast)
+    with np.errstate(invalid="ignore"):
+        dark, light = (values < -limit).sum(axis=0), (values > limit).sum(axis=0)
+    known = np.isfinite(values).sum(axis=0)
+    count = np.maximum(dark, light)
+    share = np.where(known >= config.bands / 2, count / np.maximum(known, 1), 0.0)
+    strength = np.abs(np.nan_to_num(np.where(np.isfinite(values), values / limit, 0.0))).sum(axis=0)
+    score = np.where(share >= config.bands_share, strength / np.maximum(known, 1), 0.0)
+    score += INTERRUPTED * _interrupted(own, config)
+    score[:ends], score[w - ends :] = 0.0, 0.0
+    best = int(score.argmax())
+    return (best, float(score[best])) if score[best] > 0.0 else None
+
+
+def _interrupted(own: BoolArray, config: GapConfig) -> BoolArray:
+    """(w,) columns in which the plane is hardly seen, in nearly all of the bands."""
+    bands = [own[band].mean(axis=0) for band in np.array_split(np.arange(len(own)), config.bands)]
+    gone = (np.array(bands) < config.hidden).mean(axis=0)
+    return np.asarray(gone >= config.hidden_share)
+
+
+def _against_both_sides(
+    grey: FloatArray, own: BoolArray, beside: int
+) -> tuple[FloatArray, BoolArray]:
+    """How much each cell is darker or lighter than what is beside it, the less of both sides.
+
+    Returns:
+        (h, w) grey levels, 0 where it lies between; (h, w) where both sides show the plane.
+    """
+    h, w = grey.shape
+    result, seen = np.zeros((h, w)), np.zeros((h, w), dtype=bool)
+    here = slice(beside, w - beside)
+    left, right = grey[:, here] - grey[:, : w - 2 * beside], grey[:, here] - grey[:, 2 * beside :]
+    same = np.sign(left) == np.sign(right)
+    result[:, here] = np.where(same, np.sign(left) * np.minimum(np.abs(left), np.abs(right)), 0.0)
+    seen[:, here] = own[:, : w - 2 * beside] & own[:, 2 * beside :]
+    return result, seen
