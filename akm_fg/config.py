@@ -23,6 +23,7 @@ class StageNames:
     tracker: str = "flow"
     segmenter: str = "depth"
     grasps: str = "antipodal"
+    features: str = "efficientnet"  # of exploration alone; "none" needs no torch
     own: dict[str, dict[str, Any]] = field(default_factory=dict)  # a backend's name -> its settings
 
 

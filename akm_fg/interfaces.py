@@ -180,3 +180,49 @@ class PointTracker(Protocol):
     def begin(self) -> TrackingSession:
         """Start on a new stream, without a memory of others."""
         ...
+
+
+@dataclass(frozen=True, slots=True)
+class FeatureMap:
+    """What a network sees at the cells of a grid that is laid over an object in an image."""
+
+    features: NDArray[np.float32]  # (h, w, C), row by row, minus `descriptor`
+    descriptor: NDArray[np.float32]  # (C,) of the whole: mean of the cells on the object
+    uv_first: FloatArray  # (2,) pixel at the middle of cell (0, 0)
+    step_px: float  # from one cell to the next, along u and along v
+    made_by: str  # network, layer and size: other makers' features are not comparable
+
+    def __post_init__(self) -> None:
+        shape, c = self.features.shape, self.descriptor.shape
+        if len(shape) != 3 or min(shape) < 1 or c != shape[2:]:
+            raise ValueError(f"features {shape}, descriptor {c}; expected (h, w, C) and (C,)")
+        if self.uv_first.shape != (2,) or not self.step_px > 0:
+            raise ValueError(f"uv_first {self.uv_first.shape}, step_px {self.step_px}")
+
+    def at(self, uv: FloatArray) -> NDArray[np.float32]:
+        """(N, C) at pixels (N, 2), bilinear between cells; outside, of the nearest border."""
+        last = np.array(self.features.shape[1::-1]) - 1.0
+        cell = np.clip((uv - self.uv_first) / self.step_px, 0.0, last)
+        low = np.minimum(np.floor(cell), np.maximum(last - 1.0, 0.0)).astype(int)
+        high = np.minimum(low + 1, last.astype(int))
+        right, down = (cell - low).astype(np.float32).T[:, :, None]
+        (j0, i0), (j1, i1) = low.T, high.T
+        upper = (1.0 - right) * self.features[i0, j0] + right * self.features[i0, j1]
+        lower = (1.0 - right) * self.features[i1, j0] + right * self.features[i1, j1]
+        return np.asarray((1.0 - down) * upper + down * lower)
+
+
+class DenseFeatures(Protocol):
+    """Describes the places of an object, so that alike places of other objects are found."""
+
+    def describe(self, rgb: NDArray[np.uint8], mask: BoolArray) -> FeatureMap:
+        """The features over the object.
+
+        Args:
+            rgb: (H, W, 3).
+            mask: (H, W), True on the object.
+
+        Raises:
+            ValueError: sizes that differ, or a mask without a pixel.
+        """
+        ...

@@ -8,9 +8,10 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, TypeVar
 
-from akm_fg.backends import grasps, segmenters, trackers
+from akm_fg.backends import features, grasps, segmenters, trackers
 from akm_fg.config import AkmConfig
 from akm_fg.errors import InputError
+from akm_fg.interfaces import DenseFeatures
 from akm_fg.io.config_file import with_changes
 from akm_fg.perception.config import PerceptionConfig
 from akm_fg.stages import Stages
@@ -71,6 +72,19 @@ def require_known(package: ModuleType, name: str) -> None:
         )
 
 
+def features_of(config: AkmConfig) -> DenseFeatures | None:
+    """The dense features that a configuration names; None for `none`.
+
+    No fit needs them, and they load a network: so they are no part of `stages_of`.
+
+    Raises:
+        InputError: a backend that does not exist, or refuses its settings.
+        MissingDependency: what it needs is not installed.
+    """
+    made: DenseFeatures | None = make(features, config.stages.features, config)
+    return made
+
+
 def stages_of(config: AkmConfig) -> Stages:
     """The stages that a configuration names.
 
@@ -78,7 +92,8 @@ def stages_of(config: AkmConfig) -> Stages:
         InputError: a backend that does not exist, or refuses its settings.
         MissingDependency: what it needs is not installed.
     """
-    known = (*names(trackers), *names(segmenters), *names(grasps))
+    packages = (trackers, segmenters, features, grasps)
+    known = tuple(name for package in packages for name in names(package))
     for name in config.stages.own:
         if name not in known:
             raise InputError(
