@@ -52,6 +52,7 @@ def _run(argv: list[str]) -> int:
     from akm_fg.cli.calibrate import CalibrateArguments, calibrate
     from akm_fg.cli.demo import DemoArguments, demo
     from akm_fg.cli.doctor import DoctorArguments, doctor
+    from akm_fg.cli.explore import ExploreArguments, explore
     from akm_fg.cli.fit import FitArguments, fit
     from akm_fg.cli.objects import ObjectsArguments, objects
     from akm_fg.errors import InputError
@@ -60,6 +61,7 @@ def _run(argv: list[str]) -> int:
     arguments = tyro.extras.subcommand_cli_from_dict(
         {
             "demo": DemoArguments,
+            "explore": ExploreArguments,
             "fit": FitArguments,
             "objects": ObjectsArguments,
             "calibrate": CalibrateArguments,
@@ -76,6 +78,8 @@ def _run(argv: list[str]) -> int:
     match arguments:
         case DemoArguments():
             return demo(arguments)
+        case ExploreArguments():
+            return explore(arguments)
         case FitArguments():
             return fit(arguments)
         case ObjectsArguments():

@@ -5,8 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import Literal
 
-import numpy as np
-
 from akm_fg.exploration.belief import BeliefConfig
 from akm_fg.exploration.stopping import StopConfig
 from akm_fg.exploration.suppression import SuppressionConfig
@@ -24,7 +22,7 @@ class PullConfig:
     tick_s: float = 0.25  # between frames of the pull
     gave_m: float = 0.004  # of the hand in a stretch, with the arm's and the pads' own give
     slipped_m: float = 0.015  # between where the hand is and where the part would have taken it
-    most_grasps: int = 6  # asked of the planner for one contact
+    most_grasps: int = 20  # asked of the planner for one contact
     most_regrasps: int = 2
     straight_m: float = 0.10  # the paper's pull, of the threshold's stop rule
     away_m: float = 0.10  # straight back from what was let go
@@ -48,4 +46,5 @@ class ExploreConfig:
     # Of an object of which nothing is known: that it opens at all. The contacts share it.
     opens_at_all: float = 0.97
     same_contact_m: float = 0.02  # candidates nearer than this are one
-    tilt_rad: float = float(np.deg2rad(25.0))  # of a normal, within which fronts face one way
+    shape_alone: float = 0.3  # of a contact's weight that stays where nothing remembered is like it
+    memory: str = ""  # folder of remembered contacts; none: the one that comes with the package

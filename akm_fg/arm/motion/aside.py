@@ -17,7 +17,11 @@ class AsideConfig:
     """The places that are considered, and how finely the picture is looked at."""
 
     turns_deg: tuple[float, ...] = (0.0, -30.0, 30.0, -60.0, 60.0, -90.0, 90.0)  # of the first axis
-    drawn_back_rad: tuple[float, ...] = (0.0, -0.5, -0.9)  # of the second: the arm drawn back from home
+    drawn_back_rad: tuple[float, ...] = (
+        0.0,
+        -0.5,
+        -0.9,
+    )  # of the second: the arm drawn back from home
     tried: int = 4  # best places for which a way is looked for
     scale: int = 8  # the image is looked at this many times smaller
     # Of the image: a place that hides so little more than the best is as good, and the one that is

@@ -1,0 +1,201 @@
+"""`akm-fg explore`: find where a simulated object opens, and how."""
+
+from __future__ import annotations
+
+import json as json_module
+import time
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal
+
+from akm_fg.cli.demo import make_run_folder, require_simulator
+from akm_fg.cli.exit_codes import DONE, GOAL_NOT_REACHED, INTERRUPTED
+from akm_fg.cli.object_argument import parse_object
+from akm_fg.cli.output import json_output, write_line
+from akm_fg.errors import InputError
+
+if TYPE_CHECKING:
+    import tyro
+
+    from akm_fg.cli.demo_config import DemoConfig
+    from akm_fg.cli.simulated_exploration import Explored, ExploreRequest
+    from akm_fg.exploration.config import ExploreConfig
+
+    Positional = tyro.conf.Positional
+
+
+@dataclass(frozen=True)
+class ExploreArguments:
+    """Example: akm-fg explore --object furniture-dev/door-001 --seed 3
+
+    A simulated Franka looks at a closed object that it has never seen, tries where it may open,
+    learns from every try, and stops when it knows the joint well enough for the task, or when
+    nothing is left to try. Writes a folder with explore.json, a recording of every attempt,
+    model.json and report.html. The exit code is 1 when nothing was opened.
+    """
+
+    object: str = "furniture-dev/door-001"
+    """What the robot meets: door, drawer, SUITE/NAME (akm-fg objects lists them), a URDF file, or
+    the folder of a PartNet-Mobility object."""
+    joint: str | None = None
+    """Of a file or folder: the joint that is free, where several move."""
+    seed: int = 0
+    """Of the object and the camera's noise."""
+    max_attempts: int = 25
+    """Pulls after which the search ends."""
+    stop: Literal["posterior", "threshold"] = "posterior"
+    """When a pull ends: when the posterior is good enough, or by the paper's threshold."""
+    belief: Literal["bayes", "suppression"] = "bayes"
+    """How failures teach: by their meaning, or all alike as in the paper (Eq. 2)."""
+    without_at: bool = False
+    """Without adaptive termination: one attempt is all."""
+    without_fs: bool = False
+    """Without failure suppression: failures teach nothing."""
+    without_ca: bool = False
+    """Without contact analogy: all places to take hold are alike at first."""
+    zero_shot: bool = False
+    """Nothing is remembered of the object's own family."""
+    locked: bool = False
+    """Lock every joint of the simulated object; for scoring."""
+    out: Path = Path("runs")
+    """Folder in which the run's own folder is made."""
+    resume: Path | None = None
+    """A run's folder: go on where it was interrupted; what was tried is not tried again."""
+    json: str | None = None
+    """Write the exploration as one JSON object to this file; - is standard output."""
+    config: Path | None = None
+    """TOML file with settings that differ from the defaults, such as explore.max_attempts = 10."""
+    tracker: str | None = None
+    """What follows points: flow, or another file of akm_fg/backends/trackers."""
+    segmenter: str | None = None
+    """What finds the object: depth, or another file of akm_fg/backends/segmenters."""
+
+
+def explore(arguments: ExploreArguments, config: DemoConfig | None = None) -> int:
+    """Run the command.
+
+    Args:
+        arguments: of the command line.
+        config: what `--config` and the flags change; the defaults if absent.
+
+    Raises:
+        InputError: no such object, a configuration that cannot be used, a folder to resume that
+            is not of this object and seed.
+        MissingDependency: the simulator is not installed.
+        OutputError: the run's folder cannot be written.
+    """
+    began = time.perf_counter()
+    require_simulator("exploring")
+    if arguments.max_attempts < 1:
+        raise InputError("--max-attempts", f"is {arguments.max_attempts}", "1 or more")
+    from akm_fg.cli.simulated_exploration import explore_in_simulator
+
+    request = explore_request(arguments, config)
+    with json_output(arguments.json) as stream:
+        explored = explore_in_simulator(request)
+        result = _result(request, explored, time.perf_counter() - began)
+        explored.write(result)
+        if stream is not None:
+            write_line(stream, json_module.dumps(result, allow_nan=False))
+    if arguments.json != "-":
+        _print(request, explored)
+    if explored.interrupted:
+        return INTERRUPTED
+    return DONE if explored.exploration.opened else GOAL_NOT_REACHED
+
+
+def explore_request(
+    arguments: ExploreArguments, config: DemoConfig | None = None
+) -> ExploreRequest:
+    """What is to be done, and the folder for it."""
+    from akm_fg.backends.registry import stages_of
+    from akm_fg.cli.config_argument import chosen_config, write_tree
+    from akm_fg.cli.demo_config import DemoConfig
+    from akm_fg.cli.simulated_exploration import CONFIG, ExploreRequest, read_request
+
+    config = chosen_config(
+        config or DemoConfig(), arguments.config, arguments.tracker, arguments.segmenter
+    )
+    config = replace(config, explore=_chosen(arguments, config.explore))
+    stages = stages_of(config)
+    thing = parse_object(arguments.object, arguments.joint)
+    thing.spec(arguments.seed)  # refuses a broken one before anything is written
+    if arguments.resume is not None:
+        folder = arguments.resume
+        read_request(folder, arguments.object, arguments.seed)
+    else:
+        folder = make_run_folder(arguments.out, f"explore-{thing.label}-{arguments.seed}")
+        write_tree(folder / CONFIG, config, f"All settings of {command_of(arguments)}")
+    return ExploreRequest(
+        thing, arguments.object, arguments.seed, arguments.locked, folder, config, stages,
+        command_of(arguments),
+    )  # fmt: skip
+
+
+def command_of(arguments: ExploreArguments) -> str:
+    """The command line that repeats a run."""
+    words = [f"akm-fg explore --object {arguments.object} --seed {arguments.seed}"]
+    for flag in ("joint", "config", "tracker", "segmenter"):
+        given = getattr(arguments, flag)
+        words += [] if given is None else [f"--{flag} {given}"]
+    usual = ExploreArguments()
+    for flag in ("stop", "belief", "max_attempts"):
+        given = getattr(arguments, flag)
+        words += [] if given == getattr(usual, flag) else [f"--{flag.replace('_', '-')} {given}"]
+    for flag in ("without_at", "without_fs", "without_ca", "zero_shot", "locked"):
+        words += [f"--{flag.replace('_', '-')}"] if getattr(arguments, flag) else []
+    return " ".join(words)
+
+
+def _chosen(arguments: ExploreArguments, config: ExploreConfig) -> ExploreConfig:
+    """The settings with what the flags say; a flag that is not given leaves the file's word."""
+    usual, changes = ExploreArguments(), {}
+    for name in ("max_attempts", "stop", "belief"):
+        if getattr(arguments, name) != getattr(usual, name):
+            changes[name] = getattr(arguments, name)
+    without = {
+        "adaptive_termination": arguments.without_at,
+        "failure_suppression": arguments.without_fs,
+        "contact_analogy": arguments.without_ca,
+    }
+    changes |= {name: False for name, given in without.items() if given}
+    if arguments.zero_shot:
+        changes["zero_shot"] = True
+    return replace(config, **changes)
+
+
+def _result(request: ExploreRequest, explored: Explored, total_s: float) -> dict[str, Any]:
+    """The exploration as JSON (`akm-fg/explore/1`, docs/conventions.md)."""
+    from akm_fg.exploration.explore_json import exploration_as_dict
+
+    result = exploration_as_dict(explored.exploration)
+    truth = explored.truth
+    return {
+        "schema": result.pop("schema"),
+        "object": request.name,
+        "seed": request.seed,
+        **result,
+        "model": None if explored.model is None else str(explored.model),
+        "truth": {
+            "kind": truth.kind,
+            "axis": truth.axis.tolist(),
+            "pivot": None if truth.pivot is None else truth.pivot.tolist(),
+            "final_state": float(truth.states[-1]),
+        },
+        "time_s": {**result["time_s"], "total": total_s},
+    }
+
+
+def _print(request: ExploreRequest, explored: Explored) -> None:
+    from rich.console import Console
+
+    console = Console()
+    exploration = explored.exploration
+    words = f"{exploration.pulls} pulls of {len(exploration.attempts)} tries"
+    if exploration.opened:
+        console.print(f"opened: {exploration.attempts[-1].reason} ({words})", soft_wrap=True)
+    else:
+        console.print(f"not opened: {exploration.failure}", soft_wrap=True)
+    if exploration.fit is not None:
+        console.print(exploration.fit.posterior.summary(), soft_wrap=True, highlight=False)
+    console.print(f"report: {request.folder / 'report.html'}", soft_wrap=True)

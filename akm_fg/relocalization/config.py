@@ -1,0 +1,69 @@
+"""Tuning of relocalization."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from akm_fg.perception.surface.known_surface import KnownSurfaceConfig
+
+
+@dataclass(frozen=True, slots=True)
+class LikelihoodConfig:
+    """How a depth image speaks for or against a state."""
+
+    points: int = 500  # of the part's surface, spread; neighbours' errors agree beyond that
+    static_points: int = 4000  # of what rests, that may hide the part
+    # Shares of readings at points that should be seen: on the surface; before it (somebody stands
+    # in the way); behind it (the part is not there, or depth is wrong at an edge).
+    on: float = 0.80
+    before: float = 0.17
+    behind: float = 0.03
+    depth_range_m: float = 1.0  # over which what is not on the surface may lie
+    model_m: float = 0.003  # of the surface and its joint, beyond the reading's noise
+    as_one: float = 4.0  # readings that err together, of the spread points
+    least_cosine: float = 0.2
+    hidden_m: float = 0.02  # a point so far behind another surface of the model is hidden by it
+    hidden_cell_px: int = 8  # of the depth buffer that says so
+
+
+@dataclass(frozen=True, slots=True)
+class SearchConfig:
+    """The search over the whole range."""
+
+    most_m: float = 0.6  # of a joint whose stop is not known: the paper looks to 0.5 m
+    most_rad: float = float(np.deg2rad(120.0))  # and to 90 deg
+    below: float = 0.05  # of the range, on the closed side
+    step_m: float = 0.006  # of the farthest part of the surface, between two states
+    most_states: int = 241
+    least_log_odds: float = 12.0  # for being there at all, against a scene without the part
+    apart_sigmas: float = 4.0  # hypotheses nearer than this are one
+    kept: int = 5
+
+
+@dataclass(frozen=True, slots=True)
+class MotionConfig:
+    """How a part moves when nobody says how."""
+
+    rate_sd_m_s: float = 0.05  # of a second of unknown motion: a hand opens at 0.1 m/s
+    rate_sd_rad_s: float = 0.2
+    damping_s: float = 0.5  # time after which a rate is forgotten
+    hand_m: float = 0.001  # of the hand against the part, a step: pads give
+    commanded_share: float = 0.1  # of a commanded way that may not have been gone
+
+
+@dataclass(frozen=True, slots=True)
+class RelocalizationConfig:
+    """All of it."""
+
+    likelihood: LikelihoodConfig = field(default_factory=LikelihoodConfig)
+    search: SearchConfig = field(default_factory=SearchConfig)
+    motion: MotionConfig = field(default_factory=MotionConfig)
+    match: KnownSurfaceConfig = field(default_factory=KnownSurfaceConfig)
+    gate_nis: float = 10.8  # of an innovation, one degree of freedom: one in a thousand beyond
+    least_found: float = 0.3  # of the points that should be seen, that must be on the surface
+    patience: int = 3  # frames that contradict the belief before it is given up
+    shared_m: float = 0.0005  # of the surface and a frame's depth, that all readings share
+    sure: float = 0.99  # probability of one hypothesis from which the others are let go
+    least_along: float = 0.05  # of the points' way along their normals: with less GN is open

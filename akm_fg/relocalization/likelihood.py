@@ -1,0 +1,113 @@
+"""How a depth image speaks for each state of a part: one log likelihood ratio a state.
+
+Every point of the surface that a state puts before the camera, not turned away and not behind
+another surface of the model, is a reading. It lies on the surface, or before it (somebody stands
+in the way), or behind it (the camera looks through where the part should be):
+
+    p(e | q) = w_on N(e; 0, s) + w_before [e > 0] / D + w_behind [e < 0] / D
+    p(e | no part) = 1 / 2D
+
+for e the distance of the depth from the surface along its normal, towards the camera positive.
+The sum of log p(e | q) / p(e | no part) over the readings, divided by how many err together, is
+the evidence for q. States that hide the part gain nothing and lose nothing.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from akm_fg.model.records import ModelPart, Surface
+from akm_fg.perception.depth.depth_noise import DepthNoiseModel
+from akm_fg.perception.surface.known_surface import KnownSurface, readings
+from akm_fg.records import BoolArray, FloatArray, RgbdFrame
+from akm_fg.relocalization.config import LikelihoodConfig
+
+
+class StateLikelihood:
+    """The surfaces of one part, ready to be looked for.
+
+    Args:
+        part: whose state is asked.
+        static: what rests, and may hide it.
+        config: tuning.
+    """
+
+    def __init__(self, part: ModelPart, static: Surface, config: LikelihoodConfig) -> None:
+        self.config = config
+        joint = part.joint.joint
+        chosen = spread(part.surface.p_world, config.points)
+        # Surfaces are in the closed pose: taken to state zero, where the joint counts from.
+        (R,), (t,) = joint.motion(np.array([-part.closed_state]))
+        x = part.surface.p_world[chosen] @ R.T + t
+        normal = part.surface.normal_world[chosen] @ R.T
+        self.surface = KnownSurface(joint, x, normal)
+        self._static = static.p_world[spread(static.p_world, config.static_points)]
+
+    def log_odds(self, frame: RgbdFrame, noise: DepthNoiseModel, q: FloatArray) -> FloatArray:
+        """(Q,) evidence for each state, nats, against a scene without the part."""
+        buffer = self._static_depth(frame)
+        return np.array([self._of_state(frame, noise, float(state), buffer) for state in q])
+
+    def shown(self, frame: RgbdFrame, q: float) -> BoolArray:
+        """(S,) points that a state puts before the camera, as far as the model itself goes."""
+        x, normal = self.surface.moved(q)
+        return self._before(frame, x, normal, self._static_depth(frame))
+
+    def _of_state(
+        self, frame: RgbdFrame, noise: DepthNoiseModel, q: float, buffer: FloatArray
+    ) -> float:
+        c = self.config
+        x, normal = self.surface.moved(q)
+        read = readings(frame, noise, x, normal, c.least_cosine)
+        used = read.seen & self._before(frame, x, normal, buffer)
+        if not used.any():
+            return 0.0
+        e = read.off_m[used]
+        s = np.hypot(read.sigma_m[used], c.model_m)
+        on = c.on * np.exp(-0.5 * (e / s) ** 2) / (s * np.sqrt(2.0 * np.pi))
+        other = np.where(e > 0.0, c.before, c.behind) / c.depth_range_m
+        return float(np.log(2.0 * c.depth_range_m * (on + other)).sum()) / c.as_one
+
+    def _before(
+        self, frame: RgbdFrame, x: FloatArray, normal: FloatArray, buffer: FloatArray
+    ) -> BoolArray:
+        """(S,) points turned to the camera and not behind a surface of the model."""
+        T, c = frame.T_world_cam, self.config
+        p_cam = (x - T.translation()) @ T.rotation().matrix()
+        turned = ((T.translation() - x) * normal).sum(axis=1) > 0.0
+        depth = np.minimum(buffer, _depth_buffer(frame, p_cam[turned], c.hidden_cell_px))
+        row, column, inside = _cells(frame, p_cam, c.hidden_cell_px)
+        hidden = p_cam[:, 2] > depth[row, column] + c.hidden_m
+        return np.asarray(turned & inside & ~hidden)
+
+    def _static_depth(self, frame: RgbdFrame) -> FloatArray:
+        T = frame.T_world_cam
+        p_cam = (self._static - T.translation()) @ T.rotation().matrix()
+        return _depth_buffer(frame, p_cam, self.config.hidden_cell_px)
+
+
+def spread(p_world: FloatArray, most: int) -> np.ndarray:
+    """Places of at most so many of the points (N, 3), evenly over the surface's voxels."""
+    n = len(p_world)
+    if n <= most:
+        return np.arange(n)
+    order = np.lexsort(p_world.T)
+    return np.sort(order[np.linspace(0, n - 1, most).astype(int)])
+
+
+def _cells(frame: RgbdFrame, p_cam: FloatArray, cell_px: int) -> tuple[np.ndarray, ...]:
+    """Row and column of the buffer's cell of points (N, 3), and whether they are in the image."""
+    uv = np.nan_to_num(frame.camera.project(p_cam), nan=-1.0)
+    camera = frame.camera
+    inside = (uv >= 0).all(axis=1) & (uv[:, 0] < camera.width) & (uv[:, 1] < camera.height)
+    cells = np.where(inside[:, None], uv, 0.0).astype(int) // cell_px
+    return cells[:, 1], cells[:, 0], inside
+
+
+def _depth_buffer(frame: RgbdFrame, p_cam: FloatArray, cell_px: int) -> FloatArray:
+    """Nearest depth of points in cells of the image; infinite where there is none."""
+    camera = frame.camera
+    buffer = np.full((-(-camera.height // cell_px), -(-camera.width // cell_px)), np.inf)
+    row, column, inside = _cells(frame, p_cam, cell_px)
+    np.minimum.at(buffer, (row[inside], column[inside]), p_cam[inside, 2])
+    return buffer

@@ -1,0 +1,300 @@
+"""The filter: from anywhere to a Gaussian, from frame to frame, and back when it is lost.
+
+searching: grid over the range -> hypotheses -> refined -> sure of one -> tracking
+tracking:  predicted by hand, command or rate -> surface found again -> gate -> updated
+lost:      frames contradict the belief, or it explains nothing -> searching
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from akm_fg.model.records import ObjectModel
+from akm_fg.perception.depth.depth_noise import DepthNoiseModel
+from akm_fg.perception.surface.known_surface import Found, readings
+from akm_fg.records import FloatArray, RgbdFrame
+from akm_fg.relocalization.bayes_filters import GridFilter, StateFilter
+from akm_fg.relocalization.config import RelocalizationConfig
+from akm_fg.relocalization.likelihood import StateLikelihood
+from akm_fg.relocalization.records import Hypotheses, Mode, StateBelief
+from akm_fg.stream.seen_so_far import Hand
+
+
+@dataclass(frozen=True, slots=True)
+class _Measured:
+    """A state that the surface of one frame tells."""
+
+    q: float
+    variance: float
+    share: float  # of the points that should be seen, that were found
+
+
+class Relocalizer:
+    """Follows the state of one part of a known object through frames of a camera.
+
+    Args:
+        model: of the object.
+        part: place of the part among the model's.
+        noise: of the depth.
+        config: tuning.
+    """
+
+    def __init__(
+        self,
+        model: ObjectModel,
+        part: int = 0,
+        noise: DepthNoiseModel | None = None,
+        config: RelocalizationConfig | None = None,
+    ) -> None:
+        self.config, self.part = config or RelocalizationConfig(), model.parts[part]
+        self._noise = noise or DepthNoiseModel()
+        self._likelihood = StateLikelihood(self.part, model.static, self.config.likelihood)
+        self._grid = GridFilter(self._states())
+        self._filter: StateFilter | None = None
+        self._probability = 0.0  # of the tracked hypothesis
+        self._stamp_s: float | None = None
+        self._hand: Hand | None = None
+        self._against = 0  # frames in a row that contradict the belief
+        self._lost_because: str | None = None
+
+    def update(
+        self, frame: RgbdFrame, hand: Hand | None = None, commanded: float | None = None
+    ) -> StateBelief:
+        """Take in the next frame.
+
+        Args:
+            frame: later than the last one; the robot's own pixels carry no depth.
+            hand: the gripper then, where it is known.
+            commanded: how far the part was told to move since the last frame, m or rad.
+
+        Raises:
+            ValueError: a stamp that does not grow.
+        """
+        if self._stamp_s is not None and frame.stamp_s <= self._stamp_s:
+            raise ValueError(f"a frame at {frame.stamp_s} s after one at {self._stamp_s} s")
+        dt_s = 0.0 if self._stamp_s is None else frame.stamp_s - self._stamp_s
+        shift = self._shift(hand, commanded)
+        self._stamp_s, self._hand = frame.stamp_s, hand
+        if self._filter is None:
+            return self._search(frame, dt_s, shift)
+        return self._track(frame, dt_s, shift)
+
+    def belief_now(self) -> tuple[float, float] | None:
+        """State and standard deviation, the model's own in it; None while there is none."""
+        if self._filter is None:
+            return None
+        variance = self._filter.variance + self._of_model(self._filter.mean)
+        return self._filter.mean, float(np.sqrt(variance))
+
+    def _states(self) -> FloatArray:
+        """The grid, over all states that the part may have."""
+        c, joint = self.config.search, self.part.joint.joint
+        low, high = self.part.range_seen()
+        if self.part.limits is None:
+            most = c.most_rad if joint.kind.turns else c.most_m
+            opens = 1.0 if abs(high - self.part.closed_state) >= abs(low - self.part.closed_state) \
+                else -1.0  # fmt: skip
+            end = self.part.closed_state + opens * most
+            low, high = min(low, end), max(high, end)
+        slack = c.below * (high - low)
+        surface = self._likelihood.surface
+        way = np.linalg.norm(surface.ways(surface.moved(low)[0], low), axis=1)
+        step = c.step_m / max(float(way.max()), 1e-6)
+        count = int(np.clip((high - low + 2 * slack) / step, 2, c.most_states))
+        return np.linspace(low - slack, high + slack, count)
+
+    def _shift(self, hand: Hand | None, commanded: float | None) -> tuple[float, float] | None:
+        """How far the part moved since the last frame, and its deviation; None: nobody knows."""
+        c, last = self.config.motion, self._hand
+        if hand is not None and last is not None and hand.holding and last.holding:
+            q = self._filter.mean if self._filter is not None else 0.0
+            moved = hand.T_world_gripper.translation() - last.T_world_gripper.translation()
+            twist = self.part.joint.joint.motion_jacobians(np.array([q]))[1][0]
+            way = np.cross(twist[:3], last.T_world_gripper.translation()) + twist[3:]
+            lever = float(way @ way)
+            if lever > 1e-6:
+                return float(moved @ way) / lever, c.hand_m / float(np.sqrt(lever))
+        if commanded is not None:
+            slack = c.commanded_share * abs(commanded)
+            return commanded, slack + 1e-4
+        return None
+
+    def _search(
+        self, frame: RgbdFrame, dt_s: float, shift: tuple[float, float] | None
+    ) -> StateBelief:
+        """Over the whole range."""
+        c = self.config
+        rate = self._rate_sd()
+        moved, sd = shift if shift is not None else (0.0, rate * dt_s)
+        if dt_s > 0.0:
+            self._grid.predict(moved, sd)
+        odds = self._likelihood.log_odds(frame, self._noise, self._grid.states)
+        if odds.max() < c.search.least_log_odds:
+            reason = self._lost_because or "the part is not seen at any state"
+            return self._nothing(frame, reason)
+        self._grid.update(odds)
+        found = self._hypotheses(frame)
+        if found.q.size == 0:
+            return self._nothing(frame, "no state explains the surface that is seen")
+        best = float(found.q[0]), float(found.sd[0]), float(found.probability[0])
+        sd = float(np.sqrt(best[1] ** 2 + self._of_model(best[0])))
+        if best[2] >= c.sure:
+            self._filter = StateFilter(best[0], best[1], rate, c.motion.damping_s)
+            self._probability, self._against, self._lost_because = best[2], 0, None
+            return StateBelief(frame.stamp_s, "tracking", best[0], sd, 0.0, best[2], True, None)
+        reason = f"{found.q.size} states explain what is seen"
+        return StateBelief(
+            frame.stamp_s, "searching", best[0], sd, None, best[2], True, None, None, reason
+        )
+
+    def _nothing(self, frame: RgbdFrame, reason: str) -> StateBelief:
+        mode: Mode = "searching" if self._lost_because is None else "lost"
+        return StateBelief(
+            frame.stamp_s, mode, None, None, None, 0.0, False, None, reason=reason
+        )
+
+    def _hypotheses(self, frame: RgbdFrame) -> Hypotheses:
+        """Peaks of the grid, refined, those that end in one place taken together."""
+        c, p, q = self.config.search, self._grid.probability, self._grid.states
+        higher = np.concatenate([[True], p[1:] >= p[:-1]]) & np.concatenate(
+            [p[:-1] >= p[1:], [True]]
+        )
+        peaks = np.flatnonzero(higher & (p > 1e-6))
+        peaks = peaks[np.argsort(-p[peaks])][: c.kept]
+        step = float(q[1] - q[0])
+        found: list[tuple[float, float, float]] = []
+        ends = [self._measured(frame, float(q[k]), 1.5 * step) for k in peaks]
+        told = [(end, float(q[k])) for end, k in zip(ends, peaks, strict=True) if end is not None]
+        if not told:
+            return Hypotheses(np.zeros(0), np.zeros(0), np.zeros(0))
+        odds = self._likelihood.log_odds(frame, self._noise, np.array([end.q for end, _ in told]))
+        prior = np.log(np.interp([at for _, at in told], q, p))
+        # The grid's own look at this frame is in its probabilities: peaks count it once.
+        own = self._likelihood.log_odds(frame, self._noise, np.array([at for _, at in told]))
+        score = prior - own + odds
+        for k in np.argsort(-score):
+            end = told[k][0]
+            sd = float(np.sqrt(end.variance))
+            if all(abs(end.q - other[0]) > c.apart_sigmas * (sd + other[1]) for other in found):
+                found.append((end.q, sd, float(score[k])))
+        scores = np.array([score for _, _, score in found])
+        weights = np.exp(scores - scores.max())
+        # What is not near any peak may be it too.
+        rest = float(np.clip(1.0 - self._near(np.array([f[0] for f in found]), step), 0.0, 1.0))
+        weights = weights / weights.sum() * (1.0 - rest)
+        return Hypotheses(np.array([f[0] for f in found]), np.array([f[1] for f in found]), weights)
+
+    def _near(self, q: FloatArray, step: float) -> float:
+        """Share of the grid's probability within three steps of any of the states."""
+        off = np.abs(self._grid.states[:, None] - q[None]).min(axis=1)
+        return float(self._grid.probability[off <= 3.0 * step].sum())
+
+    def _track(
+        self, frame: RgbdFrame, dt_s: float, shift: tuple[float, float] | None
+    ) -> StateBelief:
+        """From where it was."""
+        assert self._filter is not None
+        c, kalman = self.config, self._filter
+        if shift is None:
+            kalman.predict(dt_s)
+        else:
+            kalman.predict(dt_s, *shift)
+        predicted = kalman.mean
+        reach = 3.0 * float(np.sqrt(kalman.variance))
+        measured = self._measured(frame, predicted, reach)
+        nis, reason = None, None
+        if measured is not None:
+            nis = kalman.innovation(measured.q, measured.variance)
+            if nis <= c.gate_nis:
+                kalman.update(measured.q, measured.variance)
+                self._against = 0
+            else:
+                self._against += 1
+                reason = "the surface is found where the belief does not expect it"
+        elif self._contradicted(frame, predicted):
+            self._against += 1
+            reason = "the camera looks through where the part should be"
+        else:
+            reason = "the part is hidden"
+        if self._against >= c.patience:
+            return self._lose(frame, reason or "frames contradict the belief")
+        mean, sd = kalman.mean, float(np.sqrt(kalman.variance + self._of_model(kalman.mean)))
+        seen = measured is not None and reason is None
+        return StateBelief(
+            frame.stamp_s, "tracking", mean, sd, kalman.rate, self._probability, seen, nis,
+            predicted, reason,
+        )  # fmt: skip
+
+    def _lose(self, frame: RgbdFrame, reason: str) -> StateBelief:
+        """Give the belief up, and look everywhere, in this very frame."""
+        self._filter, self._lost_because = None, reason
+        self._grid = GridFilter(self._grid.states)
+        belief = self._search(frame, 0.0, None)
+        if belief.mode == "tracking":
+            return StateBelief(
+                belief.stamp_s, "tracking", belief.mean, belief.sd, belief.rate,
+                belief.probability, True, None, None, f"lost ({reason}) and found again",
+            )  # fmt: skip
+        return belief
+
+    def _measured(self, frame: RgbdFrame, q: float, reach: float) -> _Measured | None:
+        """The state that the surface tells, looked for around a state; None where it tells none."""
+        c, surface = self.config, self._likelihood.surface
+        starts = {q, q - reach, q + reach} if reach > self._narrow(q) else {q}
+        ends = [surface.solved(frame, self._noise, start, c.match) for start in sorted(starts)]
+        best = max(ends, key=lambda end: end.found)
+        return self._checked(frame, best)
+
+    def _narrow(self, q: float) -> float:
+        """The way within which Gauss-Newton finds the surface from one start, as a state."""
+        return 0.7 * self.config.match.gates_m[0] / self._likelihood.surface.metres_per_unit(q)
+
+    def _checked(self, frame: RgbdFrame, found: Found) -> _Measured | None:
+        c, surface = self.config, self._likelihood.surface
+        if found.information <= 0.0:
+            return None
+        shown = self._likelihood.shown(frame, found.q)
+        good = found.good & shown
+        share = float(good.sum()) / max(int(shown.sum()), 1)
+        if share < c.least_found or good.sum() < 10:
+            return None
+        if found.along_m < c.least_along * surface.metres_per_unit(found.q):
+            return None
+        variance = c.likelihood.as_one / found.information + (c.shared_m / found.along_m) ** 2
+        return _Measured(found.q, variance, share)
+
+    def _contradicted(self, frame: RgbdFrame, q: float) -> bool:
+        """Whether most of what should be seen is looked through."""
+        surface = self._likelihood.surface
+        x, normal = surface.moved(q)
+        read = readings(frame, self._noise, x, normal, self.config.match.least_cosine)
+        shown = self._likelihood.shown(frame, q) & read.seen
+        if shown.sum() < 10:
+            return False
+        through = read.off_m[shown] < -self.config.match.gates_m[0]
+        return bool(through.mean() > 0.5)
+
+    def _of_model(self, q: float) -> float:
+        """Variance of a state that the joint's own covariance leaves, the surface held.
+
+        The joint's error xi moves the points by their ways along it, the state by -s xi with
+        s = sum w J_q J_xi / sum w J_q^2: a consider state of Schmidt's filter, which no frame
+        betters (Jazwinski, Stochastic Processes and Filtering Theory, 1970, sec. 8.4).
+        """
+        surface, joint = self._likelihood.surface, self.part.joint
+        x, normal = surface.moved(q)
+        by_xi = joint.joint.motion_jacobians(np.array([q]))[0][0]  # (6, 6)
+        way = np.cross(by_xi[:3].T[:, None], x[None]) + by_xi[3:].T[:, None]  # (6, S, 3)
+        J_xi = np.einsum("ksi,si->sk", way, normal)
+        J_q = (surface.ways(x, q) * normal).sum(axis=1)
+        total = float(J_q @ J_q)
+        if total <= 0.0:
+            return 0.0
+        s = J_q @ J_xi / total
+        return float(s @ joint.cov @ s)
+
+    def _rate_sd(self) -> float:
+        c = self.config.motion
+        return c.rate_sd_rad_s if self.part.joint.turns else c.rate_sd_m_s
