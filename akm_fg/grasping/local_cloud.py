@@ -16,6 +16,7 @@ class LocalCloud:
     """The points near a contact. What is hidden behind them is unknown, not solid."""
 
     p_world: FloatArray  # (N, 3)
+    pixels: NDArray[np.int64]  # (N, 2) u, v that show them
     on_object: BoolArray  # (N,)
     pixel_m: float  # between neighbouring points, across the ray
     depth_m: NDArray[np.float32]  # (H, W) of the whole picture
@@ -67,7 +68,8 @@ def local_cloud(
     close = (np.abs(p - p_world) < half_m).all(axis=1)
     distance = float(T.transformTo(p_world)[2])
     pixel_m = max(distance, 0.0) / float(np.sqrt(camera.fx * camera.fy))
-    return LocalCloud(p[close], mask[v[close], u[close]], pixel_m, depth, camera, T)
+    pixels = np.column_stack([u, v])[close]
+    return LocalCloud(p[close], pixels, mask[v[close], u[close]], pixel_m, depth, camera, T)
 
 
 def _window(camera: PinholeCamera, p_cam: FloatArray, half_m: float) -> tuple[slice, slice]:

@@ -29,8 +29,7 @@ class QualityWeights:
 
     held: float = 1.5  # where everything else is as good as can be
     uncovered: float = -4.0  # times the share of the pads without anything between
-    slope: float = -4.0  # a radian beyond the friction angle's half
-    free_slope_rad: float = 0.25  # friction 0.5 allows 0.46 rad
+    slope: float = -2.0  # a radian
     taper: float = -1.0  # a radian
     hidden: float = -1.5
     tilt: float = -0.5  # a radian
@@ -48,18 +47,17 @@ def holds(evidence: GraspEvidence, weights: QualityWeights) -> float:
         odds += w.edge
     else:
         odds += w.uncovered * (1.0 - c.covered) + w.taper * c.taper_rad
-        odds += w.slope * max(c.slope_rad - w.free_slope_rad, 0.0) + w.beside * (c.beside > 0)
+        odds += w.slope * c.slope_rad + w.beside * (c.beside > 0)
     return float(1.0 / (1.0 + np.exp(-odds)))
 
 
 def features(evidence: GraspEvidence) -> FloatArray:
     """(8,) what the weights multiply, without `held`, in their order."""
-    weights = QualityWeights()
     c = evidence.closing
     return np.array(
         [
             1.0 - c.covered if c else 0.0,
-            max(c.slope_rad - weights.free_slope_rad, 0.0) if c else 0.0,
+            c.slope_rad if c else 0.0,
             c.taper_rad if c else 0.0,
             evidence.hidden,
             abs(evidence.tilt_rad),

@@ -10,6 +10,8 @@ import numpy as np
 from akm_fg.perception.fronts.front_planes import ObjectCloud, SeenPlane
 from akm_fg.records import BoolArray, FloatArray, RgbdFrame
 
+BLIND_PX = 9  # wider without depth: the robot, or what shines; a gap's shadow is narrower
+
 
 @dataclass(frozen=True, slots=True)
 class FrontPicture:
@@ -19,6 +21,7 @@ class FrontPicture:
     cell_m: float
     grey: FloatArray  # (h, w) 0..255
     own: BoolArray  # (h, w) cells whose pixel shows the plane itself
+    unknown: BoolArray  # (h, w) cells of which depth says nothing, over more than a thin line
 
     @property
     def upper_m(self) -> FloatArray:
@@ -55,8 +58,11 @@ def front_picture(
     u, v = (uv[:, i].reshape(count[1], count[0]).astype(np.float32) for i in (0, 1))
     grey = cv2.cvtColor(frame.rgb, cv2.COLOR_RGB2GRAY)
     seen = cv2.remap(grey, u, v, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+    blind = np.isnan(frame.depth_m).astype(np.uint8)
+    wide = cv2.morphologyEx(blind, cv2.MORPH_OPEN, np.ones((BLIND_PX,) * 2, np.uint8))
+    unknown = cv2.remap(wide, u, v, cv2.INTER_NEAREST) > 0
     closed = cv2.morphologyEx(
         plane.mask.astype(np.uint8), cv2.MORPH_CLOSE, np.ones((5, 5), np.uint8)
     )
     own = cv2.remap(closed, u, v, cv2.INTER_NEAREST) > 0
-    return FrontPicture(lower, cell_m, np.asarray(seen, dtype=float), np.asarray(own))
+    return FrontPicture(lower, cell_m, np.asarray(seen, dtype=float), own, unknown & ~own)

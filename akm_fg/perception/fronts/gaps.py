@@ -60,14 +60,14 @@ def _cut(
     picture: FrontPicture, rows: _Span, columns: _Span, config: GapConfig
 ) -> list[tuple[_Span, _Span]]:
     """Rows and columns of the pieces of a rectangle; strips of the carcass are left out."""
-    own = picture.own[slice(*rows), slice(*columns)]
-    rows, columns = _trimmed(own, rows, columns, config)
+    rows, columns = _trimmed(picture.own[slice(*rows), slice(*columns)], rows, columns, config)
     if min(rows[1] - rows[0], columns[1] - columns[0]) < config.least_m / config.cell_m:
         return []
     grey = picture.grey[slice(*rows), slice(*columns)]
     own = picture.own[slice(*rows), slice(*columns)]
-    across = _clearest(grey, own, config)
-    along = _clearest(grey.T, own.T, config)
+    elsewhere = ~own & ~picture.unknown[slice(*rows), slice(*columns)]
+    across = _clearest(grey, own, elsewhere, config)
+    along = _clearest(grey.T, own.T, elsewhere.T, config)
     if across is None and along is None:
         return [(rows, columns)]
     if along is None or (across is not None and across[1] >= along[1]):
@@ -90,7 +90,9 @@ def _trimmed(own: BoolArray, rows: _Span, columns: _Span, config: GapConfig) -> 
     return spans[0], spans[1]
 
 
-def _clearest(grey: FloatArray, own: BoolArray, config: GapConfig) -> tuple[int, float] | None:
+def _clearest(
+    grey: FloatArray, own: BoolArray, elsewhere: BoolArray, config: GapConfig
+) -> tuple[int, float] | None:
     """Column of the clearest line across all rows of a picture, and how clear it is; or None."""
     beside = max(2, round(config.beside_m / config.cell_m))
     ends = round(config.ends_m / config.cell_m)
@@ -115,17 +117,21 @@ def _clearest(grey: FloatArray, own: BoolArray, config: GapConfig) -> tuple[int,
     share = np.where(known >= config.bands / 2, count / np.maximum(known, 1), 0.0)
     strength = np.abs(np.nan_to_num(np.where(np.isfinite(values), values / limit, 0.0))).sum(axis=0)
     score = np.where(share >= config.bands_share, strength / np.maximum(known, 1), 0.0)
-    score += INTERRUPTED * _interrupted(own, config)
+    score += INTERRUPTED * _interrupted(own, elsewhere, config)
     score[:ends], score[w - ends :] = 0.0, 0.0
     best = int(score.argmax())
     return (best, float(score[best])) if score[best] > 0.0 else None
 
 
-def _interrupted(own: BoolArray, config: GapConfig) -> BoolArray:
-    """(w,) columns in which the plane is hardly seen, in nearly all of the bands."""
-    bands = [own[band].mean(axis=0) for band in np.array_split(np.arange(len(own)), config.bands)]
-    gone = (np.array(bands) < config.hidden).mean(axis=0)
-    return np.asarray(gone >= config.hidden_share)
+def _interrupted(own: BoolArray, elsewhere: BoolArray, config: GapConfig) -> BoolArray:
+    """(w,) columns in which depth shows anything but the plane, in nearly all of the bands."""
+    gone, known = np.zeros(own.shape[1]), np.zeros(own.shape[1])
+    for band in np.array_split(np.arange(len(own)), config.bands):
+        here, away = own[band].sum(axis=0), elsewhere[band].sum(axis=0)
+        seen = here + away > len(band) / 2.0
+        known += seen
+        gone += seen & (here < config.hidden * (here + away))
+    return np.asarray((gone >= config.hidden_share * known) & (known >= config.bands / 2))
 
 
 def _against_both_sides(

@@ -27,7 +27,7 @@ class ProtrusionConfig:
     least_px: int = 14
     least_area_m2: float = 1.5e-4  # a knob of 20 mm shows 3e-4
     most_m2: float = 0.03  # a ledge along a whole front is 0.02
-    bridge_px: int = 3  # gaps that noise makes in a bar
+    bridge_m: float = 0.03  # holes that a camera makes in a bar; no plane is seen in them
     outer: float = 0.6  # of its height: what is higher is its outer side
 
 
@@ -51,8 +51,10 @@ def protrusions(
     out[rest] = (height > least) & (height < config.most_m)
     owners = np.full(taken.shape, -1)
     owners[rest] = owner
-    bridge = np.ones((config.bridge_px,) * 2, np.uint8)
+    pixel_m = float(np.sqrt(np.median(cloud.area_m2[rest])))
+    bridge = np.ones((2 * round(config.bridge_m / pixel_m / 2.0) + 1,) * 2, np.uint8)
     joined = cv2.morphologyEx(out.astype(np.uint8), cv2.MORPH_CLOSE, bridge)
+    joined[taken] = 0
     count, labels, stats, _ = cv2.connectedComponentsWithStats(joined, connectivity=8)
     found = []
     for label in range(1, count):
