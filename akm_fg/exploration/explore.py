@@ -89,7 +89,7 @@ def explore(
             exploration.fit, exploration.looks = tried.fit, tried.looks
         if not config.adaptive_termination:
             break
-        if not exploration.opened:
+        if tried.attempt.pulled and not exploration.opened:
             look_clear(arm, camera, exploration)
     _conclude(exploration, belief, config)
 

@@ -28,7 +28,19 @@ class AntipodalConfig:
     weights: QualityWeights = field(default_factory=QualityWeights)
     turns: int = 12  # of the fingers' opening about the approach, over half a turn
     along_m: tuple[float, ...] = (0.0, -0.008, 0.008)  # from the contact, along the gripper's x
-    tilts_rad: tuple[float, ...] = (0.0, 0.35, -0.35)  # about the gripper's x: along a bar
+    # Of the approach, about the gripper's x (round a bar) and y (along it: both pads stay on it, and
+    # low handles near the robot's base are reached from above alone).
+    tilts_rad: tuple[tuple[float, float], ...] = (
+        (0.0, 0.0),
+        (0.35, 0.0),
+        (-0.35, 0.0),
+        (0.0, 0.35),
+        (0.0, -0.35),
+        (0.0, 0.7),
+        (0.0, -0.7),
+        (0.0, 1.05),
+        (0.0, -1.05),
+    )
     best: int = 16  # of the turns and places are tilted
     deep: float = 0.5  # of its width, a thing is taken behind its outer side
     depth_m: tuple[float, float] = (0.005, 0.012)  # at least and at most
@@ -38,7 +50,7 @@ class AntipodalConfig:
     voxel_points: int = 2
     slack_m: float = 0.01  # behind what is seen, a place is hidden
     same_m: float = 0.004  # grasps nearer than this and
-    same_rad: float = 0.2  # turned by less are one
+    same_rad: float = 0.3  # turned by less are one
     most: int = 20
 
 
@@ -116,11 +128,12 @@ class AntipodalSampler:
             depth = float(np.clip(c.deep * between.width_m, *c.depth_m))
             held = T.copy()
             held[:3, 3] = T[:3, :3] @ [0.0, between.y_m, between.z_m + depth] + T[:3, 3]
-            for tilt in c.tilts_rad:
+            for about_x, about_y in c.tilts_rad:
                 for turn in (0.0, np.pi):
                     tilted = held.copy()
-                    tilted[:3, :3] = held[:3, :3] @ _about(0, tilt) @ _about(2, turn)
-                    yield self._score(tilted, between, tilt, cloud)
+                    tilted[:3, :3] = held[:3, :3] @ _about(0, about_x) @ _about(1, about_y)
+                    tilted[:3, :3] = tilted[:3, :3] @ _about(2, turn)
+                    yield self._score(tilted, between, abs(about_x) + abs(about_y), cloud)
 
     def _edges(
         self, cloud: LocalCloud, p_world: FloatArray, normal: FloatArray
@@ -185,8 +198,8 @@ def _finger_places(fingers: FingerShape) -> FloatArray:
 
 
 def _about(axis: int, angle: float) -> FloatArray:
-    """(3, 3) a turn about x (0) or z (2)."""
-    turn = gtsam.Rot3.Rx if axis == 0 else gtsam.Rot3.Rz
+    """(3, 3) a turn about x (0), y (1) or z (2)."""
+    turn = (gtsam.Rot3.Rx, gtsam.Rot3.Ry, gtsam.Rot3.Rz)[axis]
     return np.asarray(turn(float(angle)).matrix())
 
 
