@@ -24,9 +24,9 @@ class LocalCloud:
     T_world_cam: gtsam.Pose3
 
     def near(self, p_world: FloatArray, radius_m: float) -> FloatArray:
-        """The object's points (M, 3) within a sphere."""
+        """Points (M, 3) within a sphere; of the object or not: masks lack what is thin."""
         close = np.linalg.norm(self.p_world - p_world, axis=1) < radius_m
-        return np.asarray(self.p_world[close & self.on_object])
+        return np.asarray(self.p_world[close])
 
     def voxels(self, voxel_m: float, least: int) -> FloatArray:
         """Middles (M, 3) of the voxels with so many points: a single one may be noise."""

@@ -56,15 +56,15 @@ def contact_candidates(
         ValueError: the mask has another size than the image.
     """
     config = config or ContactConfig()
-    return contacts_of(find_fronts(frame, mask, config.fronts), frame, mask, config)
+    return contacts_of(find_fronts(frame, mask, config.fronts), frame, config)
 
 
 def contacts_of(
-    fronts: Fronts, frame: RgbdFrame, mask: BoolArray, config: ContactConfig | None = None
+    fronts: Fronts, frame: RgbdFrame, config: ContactConfig | None = None
 ) -> tuple[ContactCandidate, ...]:
     """The same of fronts that were found already."""
     config = config or ContactConfig()
-    seen = _Seen(frame, mask)
+    seen = _Seen(frame)
     found = [c for p in fronts.protrusions for c in _of_protrusion(p, fronts, seen, config)]
     for i, front in enumerate(fronts.fronts):
         found.extend(_of_front(i, front, seen, config))
@@ -72,12 +72,11 @@ def contacts_of(
 
 
 class _Seen:
-    """The object's points, to look places up in."""
+    """What a frame shows, to look places up in."""
 
-    def __init__(self, frame: RgbdFrame, mask: BoolArray) -> None:
+    def __init__(self, frame: RgbdFrame) -> None:
         self._camera, self._T = frame.camera, frame.T_world_cam
         self._depth = np.where(frame.depth_m > 0, frame.depth_m, np.nan)
-        self._mask = mask
 
     def nearest(self, p_world: FloatArray, within_m: float) -> tuple[FloatArray, FloatArray] | None:
         """Point (3,) and pixel (2,) of what was seen nearest to a place (3,), or None."""
@@ -89,7 +88,7 @@ class _Seen:
         u0, v0 = (int(x) for x in np.rint(uv))
         low_u, low_v = max(u0 - reach, 0), max(v0 - reach, 0)
         window = np.s_[low_v : max(v0 + reach + 1, 0), low_u : max(u0 + reach + 1, 0)]
-        v, u = np.nonzero(self._mask[window] & np.isfinite(self._depth[window]))
+        v, u = np.nonzero(np.isfinite(self._depth[window]))
         if not len(u):
             return None
         pixels = np.column_stack([u + low_u, v + low_v]).astype(float)

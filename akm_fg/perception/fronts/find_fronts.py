@@ -58,8 +58,9 @@ def find_fronts(frame: RgbdFrame, mask: BoolArray, config: FrontsConfig | None =
         if own:  # else it is a narrow strip: a ledge, or the flank of something
             taken |= plane.mask
     fronts = [front for front in fronts if not _behind_others(front, fronts, config)]
-    around = object_cloud(frame, _closed(mask, cloud, config.notch_m), config.noise)
-    return Fronts(tuple(fronts), protrusions(around, fronts, taken, config.protrusions))
+    closed = _closed(mask, cloud, config.notch_m)
+    everything = object_cloud(frame, np.ones_like(mask), config.noise)
+    return Fronts(tuple(fronts), protrusions(everything, fronts, closed, taken, config.protrusions))
 
 
 def _closed(mask: BoolArray, cloud: ObjectCloud, width_m: float) -> BoolArray:

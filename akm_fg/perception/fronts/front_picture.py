@@ -12,6 +12,8 @@ from akm_fg.records import BoolArray, FloatArray, RgbdFrame
 
 BLIND_PX = 9  # wider without depth: the robot, or what shines; a gap's shadow is narrower
 
+IN_FRONT_M = 0.012  # of the plane: a handle, not what is seen through a gap
+
 
 @dataclass(frozen=True, slots=True)
 class FrontPicture:
@@ -21,7 +23,7 @@ class FrontPicture:
     cell_m: float
     grey: FloatArray  # (h, w) 0..255
     own: BoolArray  # (h, w) cells whose pixel shows the plane itself
-    unknown: BoolArray  # (h, w) cells of which depth says nothing, over more than a thin line
+    unknown: BoolArray  # (h, w) cells hidden by what is in front, or wide ones without depth
 
     @property
     def upper_m(self) -> FloatArray:
@@ -60,6 +62,8 @@ def front_picture(
     seen = cv2.remap(grey, u, v, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
     blind = np.isnan(frame.depth_m).astype(np.uint8)
     wide = cv2.morphologyEx(blind, cv2.MORPH_OPEN, np.ones((BLIND_PX,) * 2, np.uint8))
+    with np.errstate(invalid="ignore"):
+        wide[plane.frame.local(cloud.p_world)[..., 2] > IN_FRONT_M] = 1
     unknown = cv2.remap(wide, u, v, cv2.INTER_NEAREST) > 0
     closed = cv2.morphologyEx(
         plane.mask.astype(np.uint8), cv2.MORPH_CLOSE, np.ones((5, 5), np.uint8)

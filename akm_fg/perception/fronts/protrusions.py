@@ -32,23 +32,28 @@ class ProtrusionConfig:
 
 
 def protrusions(
-    cloud: ObjectCloud, fronts: Sequence[Front], taken: BoolArray, config: ProtrusionConfig
+    cloud: ObjectCloud,
+    fronts: Sequence[Front],
+    mask: BoolArray,
+    taken: BoolArray,
+    config: ProtrusionConfig,
 ) -> tuple[Protrusion, ...]:
     """What sticks out of fronts.
 
     Args:
-        cloud: the object's points.
+        cloud: all points of the picture: segmenters lose what is thin.
         fronts: all of them.
+        mask: (H, W) the object; outside of it counts what is straight over a front.
         taken: (H, W) pixels that show any plane.
         config: sizes.
     """
     rest = cloud.known & ~taken
     if not fronts or not rest.any():
         return ()
-    owner, height = _below(cloud.p_world[rest], fronts, config)
+    owner, height, beside = _below(cloud.p_world[rest], fronts, config)
     least = np.maximum(config.least_m, config.least_sigmas * cloud.sigma_m[rest])
     out = np.zeros(taken.shape, dtype=bool)
-    out[rest] = (height > least) & (height < config.most_m)
+    out[rest] = (height > least) & (height < config.most_m) & (mask[rest] | (beside <= 0.0))
     owners = np.full(taken.shape, -1)
     owners[rest] = owner
     pixel_m = float(np.sqrt(np.median(cloud.area_m2[rest])))
@@ -70,14 +75,17 @@ def protrusions(
 
 def _below(
     p_world: FloatArray, fronts: Sequence[Front], config: ProtrusionConfig
-) -> tuple[NDArray[np.int64], FloatArray]:
-    """Of each point (N, 3), the front that it is over, and how high, m; NaN where it is over none.
+) -> tuple[NDArray[np.int64], FloatArray, FloatArray]:
+    """Of points (N, 3): the front below, the height over it and the distance beside it, m.
+
+    The height is NaN where there is no front below.
 
     The front straight below counts, of several the outermost, else the nearest beside. Beside and
     below a front is its own flank, which is no protrusion of what is behind it.
     """
     owner = np.zeros(len(p_world), dtype=np.int64)
-    height, least = np.full(len(p_world), np.nan), np.full(len(p_world), np.inf)
+    height, aside = np.full(len(p_world), np.nan), np.full(len(p_world), np.inf)
+    least = np.full(len(p_world), np.inf)
     for i, front in enumerate(fronts):
         local = front.frame.local(p_world)
         xy, h = local[:, :2], local[:, 2]
@@ -87,7 +95,8 @@ def _below(
         near = (h > -config.below_m) & (h < config.most_m) & (beside < config.beyond_m)
         better = near & (cost < least)
         owner[better], height[better], least[better] = i, h[better], cost[better]
-    return owner, height
+        aside[better] = beside[better]
+    return owner, height, aside
 
 
 def _protrusion(
