@@ -14,7 +14,6 @@ from dataclasses import dataclass, replace
 import cv2
 import gtsam
 import numpy as np
-import open3d as o3d
 import pinocchio as pin
 from numpy.typing import NDArray
 
@@ -180,6 +179,8 @@ def _triangles(shape: pin.GeometryObject) -> tuple[FloatArray, NDArray[np.uint32
     Raises:
         InputError: Open3D cannot read the file.
     """
+    import open3d as o3d  # takes seconds, and who only plans never casts a ray
+
     with o3d.utility.VerbosityContextManager(o3d.utility.VerbosityLevel.Error):
         mesh = o3d.io.read_triangle_mesh(shape.meshPath)  # else it tells of missing textures
     if not mesh.has_triangles():
@@ -198,6 +199,8 @@ def _cast(
     Returns:
         depth (h, w) along camera z, infinite where nothing is; (h, w) index of the mesh.
     """
+    import open3d as o3d
+
     scene = o3d.t.geometry.RaycastingScene()
     for p_cam, faces in meshes:
         scene.add_triangles(o3d.core.Tensor(p_cam.astype(np.float32)), o3d.core.Tensor(faces))
