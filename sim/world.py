@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import tempfile
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from types import TracebackType
 
@@ -13,7 +13,7 @@ import gtsam
 import numpy as np
 
 from akm_fg.arm.body.description import franka_description
-from akm_fg.arm.body.kinematics import Q_HOME, FrankaKinematics
+from akm_fg.arm.body.kinematics import Q_HOME, FrankaKinematics, IkConfig
 from akm_fg.arm.body.model import N_ARM
 from akm_fg.records import JointTruth
 from sim.bullet import connect, joint_index, load_urdf, p, quaternion_xyzw
@@ -41,6 +41,7 @@ class WorldConfig:
     # number of points changes: the URDF's 3e4 N/m and 1e3 N s/m press pads in by 2.4 mm and do.
     pad_stiffness_n_m: float = 1e6
     pad_damping_n_s_m: float = 2e4
+    ik: IkConfig = field(default_factory=IkConfig)  # of the arm; objects are placed by it too
 
 
 LOCK_FORCE = 1e4  # N or N m, of a locked joint: the arm can exert a hundred
@@ -88,7 +89,7 @@ class SimWorld:
         self._placement_mode, self._locked = placement, locked
         self.config = config or WorldConfig()
         self.arm_description = franka_description()  # of what PyBullet loads
-        self.kinematics = FrankaKinematics(description=self.arm_description)
+        self.kinematics = FrankaKinematics(self.config.ik, self.arm_description)
         self._steps = 0
         self._entered = False
         self.still: list[tuple[Path, gtsam.Pose3]] = []  # looks of what never moves

@@ -42,6 +42,9 @@ class SurfaceConfig:
     gate_sigmas: float = 6.0  # of what the last round left
     least_gate_m: float = 0.004
     min_patches: int = 50  # fewer say less than the tracks
+    opaque: float = 0.5  # more of the patches seen through than seen: the part is elsewhere
+    least_shared: float = 0.1  # of the patches of the view with fewer: what ties two views,
+    least_shared_patches: int = 10  # at least
     blocks_px: ClassVar[tuple[int, ...]] = (8, 16, 32, 64)  # sides of blocks that may err together
 
 
@@ -57,6 +60,7 @@ class SamplingConfig:
     enough: float = 0.5  # effective share of the samples that ends the passes
     learnable: float = 0.2  # the share that the next proposal is made from
     too_few: float = 0.1  # with less, samples tell of the few that weigh most
+    least_probability: float = 1e-3  # of a kind beside one that is named, to be worth it
     region: float = 0.95  # of the posterior is to lie in the ellipsoid of that probability
 
 
@@ -118,6 +122,9 @@ class FitConfig:
     doubt: float = (
         1.5  # a pose log's kind is named if it holds with systematic errors so many times
     )
+    beyond_doubt: float = 0.9995  # evidence of so much holds with such errors, unasked
+    disagreement_chance: float = 1e-3  # that sources which agree look as if they did not
+    least_new: float = 0.1  # of the tracks' variance, that the others are taken to have brought
     parametric_p_value: float = 1e-3  # chi-square level below which no kind explains the data
 
     @property

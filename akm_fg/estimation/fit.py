@@ -117,7 +117,10 @@ def fit_poses(
     with one_blas_thread():
         fitted = to_end(fit_in_steps(problem_of_poses(name, poses, config), began))
         answer = _sampled(fitted)
-        if answer.kind in ("rigid", "undecided") or _moves_alike(answer, answer) > _BEYOND_DOUBT:
+        if (
+            answer.kind in ("rigid", "undecided")
+            or _moves_alike(answer, answer) > config.beyond_doubt
+        ):
             return answer
         problem = problem_of_poses(name, poses, config.doubtful)
         solved = [fit.guess for fit in fitted.fits if fit.joint is not None]
@@ -140,9 +143,6 @@ def _moves_alike(answer: ArticulationPosterior, doubted: ArticulationPosterior) 
         for kind, p in doubted.kind_probability.items()
         if kind != "rigid" and JointKind(kind).turns == turns
     )
-
-
-_BEYOND_DOUBT = 0.9995  # evidence of so much holds with errors half as large again
 
 
 @cache

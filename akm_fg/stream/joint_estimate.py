@@ -102,7 +102,9 @@ def better_than_tracks(
     found = yield from depth_motion(recording, mask, noise, config.change)
     if found is None or not observed.segmentation.moving.any():
         return found
-    motion = free_rigid_motion(observed.moving_tracks, np.random.default_rng(0))
+    motion = free_rigid_motion(
+        observed.moving_tracks, np.random.default_rng(0), config.observe.motion.rigid_motion
+    )
     if not motion.known.any():  # never three tracks in one frame
         return found
     R, t = motion.from_frame(int(np.flatnonzero(motion.known)[0]))

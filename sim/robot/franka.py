@@ -143,7 +143,9 @@ class SimFranka:
             MotionInfeasible: a pose of the path cannot be reached.
         """
         q = self.measured_joints()[0]
-        feasible = within_joint_limits(self._kinematics, path, q, self._drive.step_s)
+        feasible = within_joint_limits(
+            self._kinematics, path, q, self._drive.step_s, self.config.reference
+        )
         if feasible is None:
             raise MotionInfeasible("a pose of the path is out of the arm's reach")
         yield from self._drive.execute(self._track(feasible), tick_s)
@@ -327,7 +329,9 @@ class SimFranka:
             yield cartesian_torques(wrench, J, q, dq, self._q_rest, balance, c)
 
     def _track(self, path: TimedPath) -> Iterator[FloatArray]:
-        reference = pose_reference(path, self._sense()[2], self._drive.step_s)
+        reference = pose_reference(
+            path, self._sense()[2], self._drive.step_s, self.config.reference.blend_s
+        )
         tracker = PathTracker(reference, self.config.track)
         c = self.config.impedance
         while not tracker.finished:

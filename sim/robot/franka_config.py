@@ -10,6 +10,7 @@ from akm_fg.arm.motion.free_motion import PlanConfig
 from akm_fg.arm.motion.joint_path import TimeLawConfig
 from akm_fg.arm.motion.pulling import PullConfig
 from akm_fg.arm.motion.reaching import ReachConfig
+from akm_fg.arm.motion.reference import ReferenceConfig
 from akm_fg.arm.motion.surroundings import AroundConfig
 from akm_fg.arm.motion.tracking import TrackConfig
 from sim.robot.gripper import GripperConfig
@@ -26,6 +27,7 @@ class FrankaConfig:
     joints: JointImpedanceConfig = field(default_factory=JointImpedanceConfig)
     impedance: ImpedanceConfig = field(default_factory=ImpedanceConfig)
     pull: PullConfig = field(default_factory=PullConfig)
+    reference: ReferenceConfig = field(default_factory=ReferenceConfig)
     track: TrackConfig = field(default_factory=TrackConfig)
     aside: AsideConfig = field(default_factory=AsideConfig)
     gripper: GripperConfig = field(default_factory=GripperConfig)

@@ -15,8 +15,6 @@ from akm_fg.arm.body.model import N_ARM
 from akm_fg.arm.motion.surroundings import Surroundings
 from akm_fg.records import FloatArray
 
-SAME_RAD = 0.05  # joint angles nearer than this belong to one branch
-
 
 @dataclass(frozen=True, slots=True)
 class ReachConfig:
@@ -29,6 +27,7 @@ class ReachConfig:
     retreat_m: float = 0.30  # a straight pull that should stay reachable: more is better
     retreat_steps: int = 6
     starts: int = 10  # of the inverse kinematics, home first
+    same_rad: float = 0.05  # joint angles nearer than this belong to one branch
     margins_m: tuple[float, ...] = (0.02, 0.01)  # kept from obstacles: the first that leaves a way
     step_m: float = 0.01  # no point of the arm moves farther between two collision checks
 
@@ -104,7 +103,7 @@ def _branches(
     ways: list[FloatArray] = []
     for q_start in _starts(config.starts):
         q_grasp = kinematics.solve(T_world_grasp, q_start)
-        if q_grasp is None or any(np.abs(q_grasp - way[0]).max() < SAME_RAD for way in ways):
+        if q_grasp is None or any(np.abs(q_grasp - way[0]).max() < config.same_rad for way in ways):
             continue
         way = _farther(kinematics, T_world_grasp, q_grasp[None], 0.0, config.standoffs_m[0], config)
         if way is not None:

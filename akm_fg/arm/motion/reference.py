@@ -15,7 +15,18 @@ from scipy.spatial.transform import Rotation
 from akm_fg.arm.body.kinematics import DDDQ_MAX, DDQ_MAX, DQ_MAX, FrankaKinematics
 from akm_fg.records import FloatArray, TimedPath
 
-SHARE_MAX = 0.8  # of the joints' limits; what is left is for following the reference
+
+@dataclass(frozen=True, slots=True)
+class ReferenceConfig:
+    """How a path becomes what the hand is asked to do."""
+
+    blend_s: float = 0.5  # within which it joins a path that begins elsewhere
+    share_max: float = 0.8  # of the joints' limits; what is left is for following the reference
+    checks: int = 20  # poses of the path at which the joints are asked for
+
+    def __post_init__(self) -> None:
+        if not 0.0 < self.share_max <= 1.0:
+            raise ValueError(f"share_max {self.share_max}, expected 0 < share_max <= 1")
 
 
 @dataclass(frozen=True, slots=True)
@@ -79,15 +90,15 @@ def within_joint_limits(
     path: TimedPath,
     q_start: FloatArray,
     step_s: float,
-    checks: int = 20,
+    config: ReferenceConfig | None = None,
 ) -> TimedPath | None:
     """The path, slowed down as a whole where the joints ask for it; None where it is not reachable.
 
-    Joint angles along the path come from inverse kinematics at `checks` of its poses, one solution
+    Joint angles along the path come from inverse kinematics at some of its poses, one solution
     following the other from `q_start` (7,) on, and a spline between them.
     """
-    n = len(path.T_world_gripper)
-    picks = np.unique(np.linspace(0, n - 1, min(n, checks)).round().astype(int))
+    config, n = config or ReferenceConfig(), len(path.T_world_gripper)
+    picks = np.unique(np.linspace(0, n - 1, min(n, config.checks)).round().astype(int))
     q = [q_start]
     for k in picks:
         q_next = kinematics.solve(path.T_world_gripper[k], q[-1])
@@ -96,12 +107,12 @@ def within_joint_limits(
         q.append(q_next)
     if n == 1:
         return path
-    stretch = _stretch(path.stamps_s[picks], np.array(q[1:]), step_s)
+    stretch = _stretch(path.stamps_s[picks], np.array(q[1:]), step_s, config.share_max)
     return path if stretch <= 1.0 else TimedPath(stretch * path.stamps_s, path.T_world_gripper)
 
 
-def _stretch(stamps_s: FloatArray, q: FloatArray, step_s: float) -> float:
-    """By how much a motion through q (K, 7) must take longer to be within the joints' limits."""
+def _stretch(stamps_s: FloatArray, q: FloatArray, step_s: float, share: float) -> float:
+    """By how much a motion through q (K, 7) must take longer for a share of the joints' limits."""
     spline = CubicSpline(stamps_s, q, bc_type="clamped")
     t = np.linspace(stamps_s[0], stamps_s[-1], 50 * len(q))
     ddq = spline(t, 2)
@@ -110,5 +121,5 @@ def _stretch(stamps_s: FloatArray, q: FloatArray, step_s: float) -> float:
     # At both ends the acceleration begins and ends within one control step.
     ends = np.abs(ddq[[0, -1]]).max(axis=0) / step_s
     jerk = (np.maximum(np.abs(spline(t, 3)).max(axis=0), ends) / DDDQ_MAX).max()
-    shares = np.array([velocity, acceleration, jerk]) / SHARE_MAX
+    shares = np.array([velocity, acceleration, jerk]) / share
     return float(max(shares[0], np.sqrt(shares[1]), np.sqrt(shares[2])))

@@ -20,6 +20,7 @@ import numpy as np
 from scipy import stats
 from scipy.linalg import solve_triangular
 
+from akm_fg.estimation.config import FitConfig
 from akm_fg.estimation.one_kind.joint_chart import JointChart
 from akm_fg.estimation.one_kind.laplace import KindFit
 from akm_fg.estimation.sources.tracks import TRACKS
@@ -27,15 +28,13 @@ from akm_fg.geometry.lines import line_in_joint_frame
 from akm_fg.records import FloatArray
 from factors.joint import Joint
 
-_CHANCE = 1e-3  # that sources which agree look as if they did not
-_LEAST_NEW = 0.1  # of the tracks' variance, that the others are taken to have brought
-
 
 def with_disagreement(
     fits: Sequence[KindFit],
     alone: Sequence[KindFit],
     as_one: float,
     centroid_world: FloatArray,
+    config: FitConfig | None = None,
 ) -> list[KindFit]:
     """The kinds with their variances multiplied where the tracks alone contradict them.
 
@@ -44,10 +43,14 @@ def with_disagreement(
         alone: to the first of them.
         as_one: observations of the tracks that count as one.
         centroid_world: (3,) of the part.
+        config: what is taken for chance.
     """
+    config = config or FitConfig()
     first = {fit.kind: fit.tempered(as_one) for fit in alone if fit.joint is not None}
     return [
-        replace(fit, disagreement=_ratio(fit.tempered(as_one), first[fit.kind], centroid_world))
+        replace(
+            fit, disagreement=_ratio(fit.tempered(as_one), first[fit.kind], centroid_world, config)
+        )
         if fit.kind in first
         else fit
         for fit in fits
@@ -65,7 +68,9 @@ def disagreement_warnings(fit: KindFit) -> list[str]:
     ]
 
 
-def _ratio(together: KindFit, alone: KindFit, centroid_world: FloatArray) -> float:
+def _ratio(
+    together: KindFit, alone: KindFit, centroid_world: FloatArray, config: FitConfig
+) -> float:
     """Squared difference of two joints over its expectation; one where it may be chance."""
     here, cov_alone = _line(alone, centroid_world)
     _, cov = _line(together, centroid_world)
@@ -74,8 +79,8 @@ def _ratio(together: KindFit, alone: KindFit, centroid_world: FloatArray) -> flo
     off = solve_triangular(root, line_apart(here, together.moving)[:k], lower=True)
     shared = solve_triangular(root, solve_triangular(root, cov, lower=True).T, lower=True)
     left, axes = np.linalg.eigh((shared + shared.T) / 2)  # of the tracks' variances, what is left
-    squared = float(((axes.T @ off) ** 2 / np.clip(1 - left, _LEAST_NEW, 1.0)).sum())
-    return squared / k if squared > stats.chi2.ppf(1 - _CHANCE, k) else 1.0
+    squared = float(((axes.T @ off) ** 2 / np.clip(1 - left, config.least_new, 1.0)).sum())
+    return squared / k if squared > stats.chi2.ppf(1 - config.disagreement_chance, k) else 1.0
 
 
 def _line(fit: KindFit, centroid_world: FloatArray) -> tuple[Joint, FloatArray]:

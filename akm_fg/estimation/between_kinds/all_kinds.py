@@ -49,7 +49,9 @@ def fit_in_steps(problem: FitProblem, began: float) -> Steps[FittedKinds]:
     if more is not problem:
         problem, alone = more, fits
         fits, warnings = yield from fit_kinds(problem)
-        fits = with_disagreement(fits, alone, correlation.as_one, problem.centroid_world)
+        fits = with_disagreement(
+            fits, alone, correlation.as_one, problem.centroid_world, problem.config
+        )
     return weighed(fits, problem, correlation, warnings, began)
 
 

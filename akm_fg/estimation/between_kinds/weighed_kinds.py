@@ -34,8 +34,6 @@ from akm_fg.posterior import (
 )
 from akm_fg.records import PointTracks
 
-_NOT_WORTH_SAMPLING = 1e-3  # probability of a kind beside one that is named
-
 
 @dataclass(frozen=True, slots=True)
 class Correlation:
@@ -131,7 +129,8 @@ def with_sampled_joints(fitted: FittedKinds) -> ArticulationPosterior:
     """The answer with the joints that the data leave vague sampled: see `sampled_posterior`."""
     answer = fitted.posterior
     alternatives = dict(answer.alternatives)
-    least = 0.0 if answer.kind == "undecided" else _NOT_WORTH_SAMPLING
+    sampling = fitted.problem.config.sampling
+    least = 0.0 if answer.kind == "undecided" else sampling.least_probability
     for fit in fitted.fits:
         if answer.kind_probability[fit.kind] > least:
             better = sampled(fit, fitted.problem)

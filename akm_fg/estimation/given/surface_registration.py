@@ -34,10 +34,6 @@ from factors.measurements.dense_registration import (
 )
 from factors.motion_information import MotionInformation, motion_information
 
-_OPAQUE = 0.5  # more of the patches seen through than seen: the part is elsewhere
-_LEAST_SHARED = 0.1  # of the patches of the view with fewer: what ties two views
-_LEAST_PATCHES = 10  # at least
-
 
 class AssociatedPatches(Protocol):
     """Patches and where they were looked for."""
@@ -162,7 +158,7 @@ def register(
         yield
     blind = np.asarray(~problem.tracks.observations.observed.any(axis=1))
     tracked = np.isin(at, np.flatnonzero(~blind))
-    shown = tied_views(source.patches.seen, tracked) & ~(seen.seen_through > _OPAQUE)
+    shown = tied_views(source.patches.seen, tracked, config) & ~(seen.seen_through > config.opaque)
     blind[at[shown]] = False
     if blind.any():  # a view that shows nothing of the part after all
         kept = np.flatnonzero(~blind)
@@ -176,7 +172,9 @@ def register(
     return problem, replace(first, guess=guess)
 
 
-def tied_views(seen: BoolArray, tracked: BoolArray) -> BoolArray:
+def tied_views(
+    seen: BoolArray, tracked: BoolArray, config: SurfaceConfig | None = None
+) -> BoolArray:
     """(K,) views that are tied to the first, or to those with tracks, by patches that both see.
 
     What ties to nothing may be anything that happens to lie where some state would put the part:
@@ -186,10 +184,14 @@ def tied_views(seen: BoolArray, tracked: BoolArray) -> BoolArray:
     Args:
         seen: (K, S) patches.
         tracked: (K,) views in whose frames tracks see the part: these tie to one another.
+        config: how much two views share that are tied.
     """
+    config = config or SurfaceConfig()
     shared = seen.astype(int) @ seen.T.astype(int)
     own = np.diag(shared)
-    enough = np.maximum(_LEAST_SHARED * np.minimum(own[:, None], own), _LEAST_PATCHES)
+    enough = np.maximum(
+        config.least_shared * np.minimum(own[:, None], own), config.least_shared_patches
+    )
     tied = (shared >= enough) | (tracked[:, None] & tracked)
     _, label = connected_components(csr_matrix(tied), directed=False)
     main = label[np.flatnonzero(tracked)[0]] if tracked.any() else label[0]

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+
+from akm_fg.geometry.rigid_motion import RigidMotionConfig
 
 
 @dataclass(frozen=True, slots=True)
@@ -22,4 +24,5 @@ class MotionSegmentationConfig:
     max_per_freedom: float = 2.5  # chi-square per degree of freedom of a track that is explained
     max_noise_scale: float = 3.0  # how much worse than claimed the noise may turn out to be
     min_log_ratio: float = 5.0  # natural log of the likelihood ratio that decides a track
+    rigid_motion: RigidMotionConfig = field(default_factory=RigidMotionConfig)
     refits: int = 3  # of the motion, each to the tracks that the one before explains

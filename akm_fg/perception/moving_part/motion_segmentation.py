@@ -236,7 +236,7 @@ def _fit_motion(
         body = tracks.select(seed)
         if hand_world is not None:
             body = with_hand(body, hand_world, config)
-        motion = free_rigid_motion(body, rng)
+        motion = free_rigid_motion(body, rng, config.rigid_motion)
         if motion.known.sum() < 2:
             return None
         moved = seen.judge(motion.R_world, motion.t_world, motion.known)

@@ -15,7 +15,12 @@ import cv2
 import gtsam
 import numpy as np
 
-from akm_fg.geometry.rigid_motion import MIN_POINTS, RigidMotion, free_rigid_motion
+from akm_fg.geometry.rigid_motion import (
+    MIN_POINTS,
+    RigidMotion,
+    RigidMotionConfig,
+    free_rigid_motion,
+)
 from akm_fg.perception.depth.depth_noise import DepthNoiseModel
 from akm_fg.perception.depth.depth_planes import Box, Image, bounding_box
 from akm_fg.perception.depth.other_view import same_view, seen_from
@@ -46,6 +51,7 @@ class PartMaskConfig:
     likelihood: MaskLikelihoodConfig = field(default_factory=MaskLikelihoodConfig)
     prior: TrackPriorConfig = field(default_factory=TrackPriorConfig)
     cleanup: MaskCleanupConfig = field(default_factory=MaskCleanupConfig)
+    rigid_motion: RigidMotionConfig = field(default_factory=RigidMotionConfig)
     stride_px: int = 3  # of the pixels that are judged; those between follow on the same surface
     other_frames: int = 4  # asked for each keyframe
     min_motion_m: float = 0.02  # of the part between two frames that say something; else the most
@@ -100,7 +106,7 @@ def propagate_masks(
         seen = tracks.observed.sum(axis=1)
         if seen.max(initial=0) < MIN_POINTS:
             raise ValueError(f"{int(seen.max(initial=0))} moving tracks, expected {MIN_POINTS}")
-        motion = free_rigid_motion(tracks, np.random.default_rng(config.seed))
+        motion = free_rigid_motion(tracks, np.random.default_rng(config.seed), config.rigid_motion)
         motion = replace(motion, known=motion.known & (seen >= config.min_tracks))
     scale = observed.segmentation.noise_scale
     noise = replace(noise, disparity_sigma_px=scale * noise.disparity_sigma_px)

@@ -36,6 +36,7 @@ class CameraMotionConfig:
     """What counts as a camera that moved."""
 
     corners: SeedingConfig = field(default_factory=lambda: SeedingConfig(number=100))
+    planes: DepthPlanesConfig = field(default_factory=DepthPlanesConfig)
     least_corners: int = 15  # found again; six numbers are fitted to twice as many
     margin_px: int = 12  # around the object, of a picture of 640: shadows and what opens
     window_px: int = 15  # of a corner that is looked for
@@ -219,7 +220,7 @@ class StillCamera:
     def _surroundings(self) -> tuple[FloatArray, PlaneSamples, float]:
         """Pixels (N, 2) beside the object with planes, these, and how many err on their own."""
         if self._planes is None:
-            shape = DepthPlanesConfig()
+            shape = self._config.planes
             planes = depth_planes(self._first, self._noise, self._background, shape)
             v, u = np.nonzero(planes.valid)
             step = max(1, u.size // self._config.pixels)
