@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 from akm_fg.arm.body.impedance import ImpedanceConfig, JointImpedanceConfig
+from akm_fg.arm.body.silhouette import SilhouetteConfig
 from akm_fg.arm.motion.aside import AsideConfig
 from akm_fg.arm.motion.free_motion import PlanConfig
 from akm_fg.arm.motion.joint_path import TimeLawConfig
@@ -29,6 +30,7 @@ class FrankaConfig:
     pull: PullConfig = field(default_factory=PullConfig)
     reference: ReferenceConfig = field(default_factory=ReferenceConfig)
     track: TrackConfig = field(default_factory=TrackConfig)
+    silhouette: SilhouetteConfig = field(default_factory=SilhouetteConfig)
     aside: AsideConfig = field(default_factory=AsideConfig)
     gripper: GripperConfig = field(default_factory=GripperConfig)
     approach_m_s: float = 0.08  # straight, before contact
