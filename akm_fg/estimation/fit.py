@@ -16,6 +16,7 @@ from threadpoolctl import ThreadpoolController
 
 from akm_fg.errors import TracksLost
 from akm_fg.estimation.between_kinds.all_kinds import fit_in_steps, fit_kinds, with_late_sources
+from akm_fg.estimation.between_kinds.biased_positions import biased_probability
 from akm_fg.estimation.between_kinds.weighed_kinds import (
     Correlation,
     FittedKinds,
@@ -117,15 +118,22 @@ def fit_poses(
     with one_blas_thread():
         fitted = to_end(fit_in_steps(problem_of_poses(name, poses, config), began))
         answer = _sampled(fitted)
-        if (
-            answer.kind in ("rigid", "undecided")
-            or _moves_alike(answer, answer) > config.beyond_doubt
-        ):
+        if answer.kind in ("rigid", "undecided"):
+            return answer
+        biased = biased_probability(fitted)
+        p = 1.0 if biased is None else _moves_alike(answer.kind, biased)
+        if p < config.undecided_below:
+            return silenced(
+                answer,
+                f"were positions biased by {config.orientation_bias_share:g} times their noise, "
+                f"as a tag's orientation is, {answer.kind} would have probability {p:.2f}",
+            )
+        if _moves_alike(answer.kind, answer.kind_probability) > config.beyond_doubt:
             return answer
         problem = problem_of_poses(name, poses, config.doubtful)
         solved = [fit.guess for fit in fitted.fits if fit.joint is not None]
         doubted = to_end(fit_in_steps(replace(problem, guesses=solved), began))
-    p = _moves_alike(answer, doubted.posterior)
+    p = _moves_alike(answer.kind, doubted.posterior.kind_probability)
     if p >= config.undecided_below:
         return answer
     return silenced(
@@ -135,13 +143,11 @@ def fit_poses(
     )
 
 
-def _moves_alike(answer: ArticulationPosterior, doubted: ArticulationPosterior) -> float:
+def _moves_alike(named: str, probability: dict[str, float]) -> float:
     """Probability, under doubt, of kinds that turn as the named one does, or slide as it does."""
-    turns = JointKind(answer.kind).turns
+    turns = JointKind(named).turns
     return sum(
-        p
-        for kind, p in doubted.kind_probability.items()
-        if kind != "rigid" and JointKind(kind).turns == turns
+        p for kind, p in probability.items() if kind != "rigid" and JointKind(kind).turns == turns
     )
 
 

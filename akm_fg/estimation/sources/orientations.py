@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from akm_fg.estimation.config import FitConfig
-from akm_fg.estimation.sources.slow_errors import SlowErrors
+from akm_fg.estimation.sources.slow_errors import OUTLIER_MEDIANS, SlowErrors, at_one_level
 from akm_fg.estimation.sources.source import (
     At,
     Contribution,
@@ -29,7 +29,7 @@ from akm_fg.estimation.sources.source import (
     information_of,
 )
 from akm_fg.estimation.sources.track_noise import correlation_time
-from akm_fg.estimation.sources.tracks import CHI2_MEDIAN, OUTLIER_MEDIANS
+from akm_fg.estimation.sources.tracks import CHI2_MEDIAN
 from akm_fg.geometry.joint_guess import JointGuess
 from akm_fg.records import FloatArray
 from factors.joint_variables import JointVariables
@@ -71,21 +71,10 @@ class OrientationSource(Source):
     def levelled(self, said: Sequence[Contribution]) -> list[Contribution]:
         """At one level for all kinds: what is known, or what the best of them leaves."""
         each = [one for one in said if isinstance(one, OrientationContribution)]
-        size = np.array([np.linalg.norm(one.residual_rad, axis=1) for one in each])
-        best = size[np.argmin(np.median(size, axis=1))]
-        kept = np.flatnonzero(
-            best <= OUTLIER_MEDIANS * np.median(best)
-        )  # the rest tells of no kind
-        known = self.errors.restricted(kept)
-        times = [known.times(one.residual_rad[kept]) for one in each]
-        errors = known.wider(max(1.0, min(times)))
+        told, times = at_one_level(self.errors, [one.residual_rad for one in each])
         return [
-            replace(
-                one,
-                log_correlated=errors.log_likelihood(one.residual_rad[kept]),
-                explained=factor <= self.config.orientation_misfit,
-            )
-            for one, factor in zip(each, times, strict=True)
+            replace(one, log_correlated=log, explained=factor <= self.config.orientation_misfit)
+            for one, log, factor in zip(each, told, times, strict=True)
         ]
 
     @property

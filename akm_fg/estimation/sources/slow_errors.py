@@ -17,6 +17,7 @@ fitted to each kind's own residuals would reward it a hundred times over.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -25,6 +26,8 @@ from scipy import linalg
 
 from akm_fg.records import FloatArray
 from factors.measurements.orientation_track import log_so3
+
+OUTLIER_MEDIANS = 3.0  # residuals beyond so many medians are rejected, not averaged over
 
 
 @dataclass(frozen=True, slots=True)
@@ -69,6 +72,29 @@ class SlowErrors:
         information = float(ones @ ones)
         told = ones @ white
         return float((white**2).sum() - (told**2).sum() / information), math.log(information)
+
+
+def at_one_level(
+    known: SlowErrors, residuals: Sequence[FloatArray]
+) -> tuple[list[float], list[float]]:
+    """Log densities of several kinds' residuals at what is known, or at what the best leaves.
+
+    Frames in which the best is an outlier tell of no kind.
+
+    Args:
+        known: the errors beforehand.
+        residuals: (K, d) of each kind.
+
+    Returns:
+        The log densities; how large the residuals are in what is known beforehand.
+    """
+    size = np.array([np.linalg.norm(e, axis=1) for e in residuals])
+    best = size[np.argmin(np.median(size, axis=1))]
+    kept = np.flatnonzero(best <= OUTLIER_MEDIANS * np.median(best))
+    known = known.restricted(kept)
+    times = [known.times(e[kept]) for e in residuals]
+    errors = known.wider(max(1.0, min(times)))
+    return [errors.log_likelihood(e[kept]) for e in residuals], times
 
 
 def slow_correlations(path: FloatArray, R_world_part: FloatArray) -> FloatArray:

@@ -34,7 +34,6 @@ CHI2_MEDIAN = 2.366  # of a chi-square variable with three degrees of freedom
 # The scale of a Student-t with six degrees of freedom fitted to normal noise, over its sigma.
 T_OVER_NORMAL = 0.92
 TRACKS = "tracks"
-OUTLIER_MEDIANS = 3.0  # residuals beyond so many medians are rejected, not averaged over
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

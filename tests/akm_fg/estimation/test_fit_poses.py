@@ -184,6 +184,29 @@ def test_a_slider_whose_hand_tilts_by_a_degree_and_a_half_is_no_door(seed):
     assert fit_poses(PoseTrack(p, R)).kind != "revolute"
 
 
+def _tag_on_a_drawer(seed, frames=150, noise_m=0.012, noise_rad=0.07):
+    """Its corners are biased with the view: in step with the way, by two noises and more."""
+    rng = np.random.default_rng(seed)
+    way = np.linspace(-1, 1, frames)
+    p = np.column_stack([0.125 * way, 2.0 * noise_m * way**2, np.zeros(frames)])
+    p += noise_m * rng.normal(size=p.shape)
+    biased = [gtsam.Rot3.Rz(2.5 * noise_rad * w) for w in way]
+    R = [turn.retract(noise_rad * rng.normal(size=3)).matrix() for turn in biased]
+    return PoseTrack(p, np.array(R))
+
+
+@pytest.mark.parametrize("seed", [0, 2])
+def test_a_drawer_whose_tag_wanders_in_step_with_it_is_no_door(seed):
+    posterior = fit_poses(_tag_on_a_drawer(seed))
+    assert posterior.kind == "undecided"
+    assert any("as a tag's orientation is" in said for said in posterior.fit.warnings)
+
+
+def test_a_door_with_a_tag_as_noisy_stays_a_door():
+    poses, *_ = _handle(2, "revolute", 1.2, 150, noise_m=0.012, noise_rad=0.07)
+    assert fit_poses(poses).kind == "revolute"
+
+
 def test_a_drawer_does_not_explain_a_turn_of_42_degrees_as_noise():
     """A stapler: seven centimetres from the hinge, 3 mm of slow errors on a path of 5 cm."""
     rng = np.random.default_rng(1)
