@@ -12,7 +12,7 @@ from akm_fg.errors import InsufficientData
 from akm_fg.model.config import ModelConfig
 from akm_fg.model.part_views import PartView, part_views, spread_frames
 from akm_fg.model.records import Contact, ModelPart, ObjectModel, StateLimits, Surface
-from akm_fg.model.surface_cloud import View, averaged, believed, pixels, readings
+from akm_fg.model.surface_cloud import View, averaged, believed, in_one_piece, pixels, readings
 from akm_fg.perception.config import PerceptionConfig
 from akm_fg.perception.depth.depth_noise import DepthNoiseModel
 from akm_fg.perception.depth.measured_noise import measured_noise
@@ -122,7 +122,7 @@ def _part_surface(seen: Sequence[_Seen], config: ModelConfig) -> Surface:
     for each in seen:
         views = [view.part for view in each.views]
         surface = surface.select(believed(surface, views, each.noise, config))
-    return surface
+    return surface.select(in_one_piece(surface.p_world, config))
 
 
 def _static_surface(seen: Sequence[_Seen], config: ModelConfig) -> Surface:

@@ -13,6 +13,7 @@ import cv2
 import gtsam
 import numpy as np
 from numpy.typing import NDArray
+from scipy import ndimage
 
 from akm_fg.model.config import ModelConfig
 from akm_fg.model.records import Surface
@@ -111,6 +112,19 @@ def believed(
         if view.closed:
             never |= beyond
     return ~never & (through <= config.most_seen_through * (seen + through))
+
+
+def in_one_piece(p: FloatArray, config: ModelConfig) -> BoolArray:
+    """(N,) points (N, 3) that are not on small islands of their own."""
+    if not len(p):
+        return np.zeros(0, dtype=bool)
+    cells = np.floor((p - p.min(axis=0)) / config.island_gap_m).astype(int)
+    full = np.zeros(cells.max(axis=0) + 1, dtype=bool)
+    full[tuple(cells.T)] = True
+    labels, _ = ndimage.label(full, np.ones((3, 3, 3)))
+    own = labels[tuple(cells.T)]
+    count = np.bincount(own)
+    return np.asarray(count[own] >= config.island_share * count.max())
 
 
 def _looked_up(

@@ -12,7 +12,7 @@ from akm_fg.errors import InsufficientData
 from akm_fg.model.build import FittedRecording, build_model
 from akm_fg.model.config import ModelConfig
 from akm_fg.model.part_views import spread_frames
-from akm_fg.model.surface_cloud import View, averaged, believed, readings
+from akm_fg.model.surface_cloud import View, averaged, believed, in_one_piece, readings
 from akm_fg.perception.depth.depth_noise import DepthNoiseModel
 
 
@@ -114,6 +114,14 @@ def test_more_recordings_of_a_part_add_to_its_surface(fitted_door) -> None:
 
 def _all_of(fitted: FittedRecording):
     return fitted.recording, fitted.observed, fitted.posterior
+
+
+def test_small_islands_are_no_part() -> None:
+    front = np.random.default_rng(0).uniform(0, [0.4, 0.01, 0.4], (4000, 3))
+    handle, island = front[:100] * 0.1 + [0.2, 0.03, 0.2], front[:100] * 0.1 + [0.2, 0.3, 0.2]
+    kept = in_one_piece(np.concatenate([front, handle, island]), ModelConfig())
+    assert kept[:4100].all() and not kept[4100:].any()
+    assert in_one_piece(np.zeros((0, 3)), ModelConfig()).shape == (0,)
 
 
 def test_frames_are_spread_over_the_states() -> None:
