@@ -41,6 +41,7 @@ INSIDE = {
     "io": RECORDS | {"posterior", "posterior_views"},
     "report": RECORDS | {"posterior", "io"},
     "calibration": RECORDS | {"io"},
+    "export": RECORDS | {"posterior", "io", "model"},
     "model": RECORDS | {"posterior", "io", "geometry", "perception", "stages"},
 }
 # Rooms of a room, those that others stand on first; each may know those before it and those it is

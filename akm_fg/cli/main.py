@@ -54,6 +54,7 @@ def _run(argv: list[str]) -> int:
     from akm_fg.cli.doctor import DoctorArguments, doctor
     from akm_fg.cli.explore import ExploreArguments, explore
     from akm_fg.cli.fit import FitArguments, fit
+    from akm_fg.cli.models.export import ExportArguments, export
     from akm_fg.cli.objects import ObjectsArguments, objects
     from akm_fg.errors import InputError
 
@@ -65,6 +66,7 @@ def _run(argv: list[str]) -> int:
             "fit": FitArguments,
             "objects": ObjectsArguments,
             "calibrate": CalibrateArguments,
+            "export": ExportArguments,
             "doctor": DoctorArguments,
         },
         prog="akm-fg",
@@ -86,6 +88,8 @@ def _run(argv: list[str]) -> int:
             return objects(arguments)
         case CalibrateArguments():
             return calibrate(arguments)
+        case ExportArguments():
+            return export(arguments)
         case _:
             return doctor(arguments)
 

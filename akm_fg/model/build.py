@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
+import cv2
 import gtsam
 import numpy as np
 
@@ -149,7 +150,10 @@ def _on_object(surface: Surface, seen: _Seen, config: ModelConfig) -> BoolArray:
     eye = frame.T_world_cam.translation()
     p_cam = (surface.p_world - eye) @ frame.T_world_cam.rotation().matrix()
     row, column, inside = pixels(frame, p_cam)
-    return inside & seen.fitted.observed.object_mask[row, column]
+    # At its outline it may be what is beside it.
+    border = np.ones((2 * config.outline_px + 1,) * 2, np.uint8)
+    mask = cv2.erode(seen.fitted.observed.object_mask.astype(np.uint8), border) > 0
+    return inside & mask[row, column]
 
 
 def _contacts(fitted: FittedRecording) -> list[Contact]:

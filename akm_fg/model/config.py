@@ -21,7 +21,8 @@ class ModelConfig:
     gate_m: float = 0.006  # on top: systematic errors, and the width of a voxel
     # Of the frames that could see a point, that look through it: more, and it is none of the part.
     most_seen_through: float = 0.25
-    # A part is one piece: islands farther off than the gap, and smaller than a share of it, are not.
+    # A part is one piece: islands beyond a gap and smaller than a share of it are none of it.
     island_gap_m: float = 0.03
     island_share: float = 0.05
+    outline_px: int = 3  # of the object's mask, that may show what is beside it
     least_points: int = 50  # of a surface; fewer are no model of a part

@@ -337,3 +337,27 @@ def make_clip():
 def depth_noise_image():
     """The renderer's depth noise: depth_noise_image(rng, depth, focal_px)."""
     return depth_noise
+
+
+@pytest.fixture(scope="session")
+def fitted_door(door):
+    """The door's recording with its fit."""
+    from akm_fg.model.build import FittedRecording
+    from akm_fg.pipeline import fit_recording
+
+    return FittedRecording.of(door.recording, fit_recording(door.recording))
+
+
+@pytest.fixture(scope="session")
+def door_model(fitted_door):
+    from akm_fg.model.build import build_model
+
+    return build_model(fitted_door)
+
+
+@pytest.fixture(scope="session")
+def drawer_model(drawer):
+    from akm_fg.model.build import FittedRecording, build_model
+    from akm_fg.pipeline import fit_recording
+
+    return build_model(FittedRecording.of(drawer.recording, fit_recording(drawer.recording)))

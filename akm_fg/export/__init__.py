@@ -1,0 +1,1 @@
+"""Models for others: robot descriptions, meshes and messages."""
