@@ -12,16 +12,26 @@ Importing this package is light; the rooms (`akm_fg.estimation`, `akm_fg.percept
 from __future__ import annotations
 
 from os import PathLike
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from akm_fg.config import AkmConfig
     from akm_fg.io.read_options import LengthUnit, QuaternionOrder
+    from akm_fg.model.records import ObjectModel
     from akm_fg.posterior import ArticulationPosterior
     from akm_fg.records import Recording
 
 __version__ = "0.1.0"
-__all__ = ["ArticulationPosterior", "Recording", "__version__", "fit", "read_recording"]
+__all__ = [
+    "ArticulationPosterior",
+    "ObjectModel",
+    "Recording",
+    "__version__",
+    "fit",
+    "posterior_schema",
+    "read_model",
+    "read_recording",
+]
 
 
 def fit(
@@ -79,12 +89,42 @@ def read_recording(folder: str | PathLike[str]) -> Recording:
     return read(Path(folder))
 
 
+def read_model(path: str | PathLike[str]) -> ObjectModel:
+    """The model of an object, as `fit --out` and explorations leave it (docs/model.md).
+
+    Args:
+        path: of `model.json`, or of the folder that holds it.
+
+    Raises:
+        InputError: missing, damaged, of another schema, or it contradicts itself.
+    """
+    from pathlib import Path
+
+    from akm_fg.model.read import read_model as read
+
+    return read(Path(path))
+
+
+def posterior_schema() -> dict[str, Any]:
+    """The JSON Schema (draft 2020-12) of a posterior: `akm_fg/schemas/posterior-1.schema.json`."""
+    import json
+    from importlib.resources import files
+
+    text = files("akm_fg").joinpath("schemas/posterior-1.schema.json").read_text("utf-8")
+    schema: dict[str, Any] = json.loads(text)
+    return schema
+
+
 def __getattr__(name: str) -> object:
     """The records' types, when they are asked for."""
     if name == "ArticulationPosterior":
         from akm_fg.posterior import ArticulationPosterior
 
         return ArticulationPosterior
+    if name == "ObjectModel":
+        from akm_fg.model.records import ObjectModel
+
+        return ObjectModel
     if name == "Recording":
         from akm_fg.records import Recording
 

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,6 +15,11 @@ from scipy import integrate, optimize, special
 
 from akm_fg.records import Doubt, FloatArray
 from factors.joint import Joint, JointKind, Unit
+
+if TYPE_CHECKING:
+    import pandas
+
+    from akm_fg.prediction import PointPrediction
 
 NamedKind = Literal["rigid", "prismatic", "revolute", "helical", "undecided"]
 
@@ -175,6 +180,43 @@ class ArticulationPosterior:
     def best(self) -> KindPosterior:
         """The most probable kind's fit, also where the kind is undecided."""
         return self.alternatives[max(self.kind_probability, key=self.kind_probability.__getitem__)]
+
+    def predict(self, q: float, p_world: FloatArray, q_sd: float = 0.0) -> PointPrediction:
+        """Where points of the part are at a state, by the most probable kind's joint.
+
+        The pose of a frame on the part: `akm_fg.prediction.predict_pose`.
+
+        Args:
+            q: the state, from the one in which the points were seen; radians or metres.
+            p_world: (N, 3), or (3,), the points where they were seen (at state 0: in frame 0).
+            q_sd: standard deviation of the state.
+
+        Raises:
+            ValueError: nothing moves in the most probable kind, or a shape or state is wrong.
+        """
+        from akm_fg.prediction import predict_points
+
+        joint = self.best.joint
+        if joint is None:
+            raise ValueError(f"{self.name}: the most probable kind is rigid; expected a joint")
+        return predict_points(joint, q, p_world, q_sd)
+
+    def states_frame(self, stamps_s: Sequence[float] | None = None) -> pandas.DataFrame:
+        """The states as a pandas frame, one row a frame of the input.
+
+        Columns `state`, `sd`, and `low` and `high`, which hold 95 %; NaN where the part was not
+        seen. `attrs["unit"]` is rad or m, `attrs["kind"]` whose states they are.
+
+        Args:
+            stamps_s: times of the frames, as the index; their numbers if not given.
+
+        Raises:
+            MissingDependency: pandas is not installed.
+            ValueError: another number of stamps than of frames, or nothing moves.
+        """
+        from akm_fg.posterior_views import states_as_frame
+
+        return states_as_frame(self, stamps_s)
 
     def with_states(self, mean: FloatArray, sd: FloatArray) -> ArticulationPosterior:
         """With other states (T,) of the most probable kind, which moves, and their deviations."""

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import asdict
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from akm_fg.errors import MissingDependency
 from akm_fg.posterior import (
     ArticulationPosterior,
     Evidence,
@@ -18,6 +19,9 @@ from akm_fg.posterior import (
     normal_bound,
 )
 from akm_fg.records import FloatArray
+
+if TYPE_CHECKING:
+    import pandas
 
 SCHEMA = "akm-fg/posterior/1"
 
@@ -164,6 +168,30 @@ def posterior_in_words(posterior: ArticulationPosterior) -> list[str]:
     if not posterior.fit.parametric:
         lines.append("no joint kind explains the data")
     return [*lines, *(f"note: {warning}" for warning in posterior.fit.warnings)]
+
+
+def states_as_frame(
+    posterior: ArticulationPosterior, stamps_s: Sequence[float] | None = None
+) -> pandas.DataFrame:
+    """States, deviations and 95 % bounds; see `ArticulationPosterior.states_frame`."""
+    try:
+        import pandas
+    except ImportError as error:
+        missing = "a frame of states needs pandas; install akm-fg[pandas]"
+        raise MissingDependency(missing) from error
+    best = posterior.best
+    if best.joint is None or best.states is None:
+        raise ValueError(f"{posterior.name}: nothing moves; expected a part with states")
+    mean, sd = best.states.mean, best.states.sd
+    if stamps_s is not None and len(stamps_s) != mean.size:
+        raise ValueError(f"{len(stamps_s)} stamps, expected {mean.size}, one a frame")
+    index = range(mean.size) if stamps_s is None else stamps_s
+    name = "frame" if stamps_s is None else "stamp_s"
+    bound = normal_bound() * sd
+    columns = {"state": mean, "sd": sd, "low": mean - bound, "high": mean + bound}
+    frame = pandas.DataFrame(columns, index=pandas.Index(index, name=name))
+    frame.attrs.update(unit=best.states.unit, kind=str(best.joint.kind), input=posterior.name)
+    return frame
 
 
 def _probability(p: float) -> str:

@@ -30,7 +30,9 @@ INSIDE = {
     "errors": set(),
     "steps": set(),
     "interfaces": RECORDS,
-    "posterior": RECORDS | {"posterior_views"},  # its own methods, when they are called
+    # Its own methods, when they are called.
+    "posterior": RECORDS | {"posterior_views", "prediction"},
+    "prediction": RECORDS | {"posterior"},
     "posterior_views": RECORDS | {"posterior"},
     "geometry": RECORDS,
     "perception": RECORDS | {"interfaces", "geometry"},
