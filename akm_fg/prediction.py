@@ -7,7 +7,8 @@ are not known exactly; `factors.joint` gives the twist d of M Exp(d) that they m
 
 so the covariance of a pose is Ad cov_d Ad^T, and that of a point x is J cov_d J^T with
 J = R_M [-[x]x | I]. Moving from a state q_0 by dq is the motion of dq (screws of one axis commute):
-what was seen at q_0 is predicted for q by `predict(q - q_0)`. Frame, pitch and state are taken as independent.
+what was seen at q_0 is predicted for q by `predict(q - q_0)`. Frame, pitch and state are taken as
+independent.
 """
 
 from __future__ import annotations
