@@ -39,7 +39,8 @@ def read_input(
     if not exists:
         raise InputError(path, "does not exist", WHAT)
     if is_folder:
-        return read_recording(path, first_frames=first_frames)
+        conventions = None if options is None else options.conventions
+        return read_recording(path, first_frames=first_frames, conventions=conventions)
     if first_frames is not None:
         raise InputError(path, "has no frames to choose from", "a recording folder with --frames")
     if path.suffix.lower() == ".npz":

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Literal
 
 import numpy as np
 
+from akm_fg.io.conventions import InputConventions
 from akm_fg.records import FloatArray
 
 QuaternionOrder = Literal["xyzw", "wxyz"]
@@ -23,6 +24,7 @@ class ReadOptions:
 
     quaternion: QuaternionOrder | None = None  # order of a pose log's quaternions
     unit: LengthUnit | None = None  # of positions and of their covariances
+    conventions: InputConventions = field(default_factory=InputConventions)  # of recordings
 
 
 LARGEST_NUMBER = 1e9  # of a coordinate in any unit: what is beyond is a broken file

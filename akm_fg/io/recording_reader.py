@@ -15,6 +15,7 @@ import gtsam
 import numpy as np
 
 from akm_fg.errors import InputError
+from akm_fg.io.conventions import InputConventions
 from akm_fg.io.json_fields import Fields, load_json_object
 from akm_fg.io.png import read_depth_raw, read_mask, read_rgb
 from akm_fg.io.recording_depth import depth_from_raw
@@ -118,13 +119,19 @@ def _grasp_frames(fields: Fields, n: int) -> tuple[int, int] | None:
     return int(first), int(last)
 
 
-def read_recording(folder: Path, min_frames: int = 2, first_frames: int | None = None) -> Recording:
+def read_recording(
+    folder: Path,
+    min_frames: int = 2,
+    first_frames: int | None = None,
+    conventions: InputConventions | None = None,
+) -> Recording:
     """Read a recording without its truth.
 
     Args:
         folder: the recording's folder.
         min_frames: fewest frames that make sense to the caller; a fit needs two.
         first_frames: read so many from its beginning and no more; None: all.
+        conventions: what a person says of its poses and depth against its description.
 
     Raises:
         InputError: anything that is missing, damaged or contradicts itself, or too short.
@@ -139,7 +146,8 @@ def read_recording(folder: Path, min_frames: int = 2, first_frames: int | None =
     if not min_frames <= take <= n:
         expected = f"{min_frames} to {n} frames, as many as the recording has"
         raise InputError(folder, f"was asked for its first {take} frames", expected)
-    frames, masks = _read_images(folder, fields, stamps_s, take)
+    said = conventions or InputConventions()
+    frames, masks = _read_images(folder, fields, stamps_s, take, said)
     if grasp_frames is not None:
         held = grasp_frames[0], min(grasp_frames[1], take - 1)
         grasp_frames = held if held[0] <= held[1] else None
@@ -170,11 +178,11 @@ def _calibration(fields: Fields) -> CalibrationErrors | None:
 
 
 def _read_images(
-    folder: Path, fields: Fields, stamps_s: FloatArray, take: int
+    folder: Path, fields: Fields, stamps_s: FloatArray, take: int, said: InputConventions
 ) -> tuple[tuple[RgbdFrame, ...], tuple[BoolArray, ...] | None]:
     """The first `take` frames, and their object masks where there are any."""
     camera, poses = _camera(fields), _camera_poses(fields, len(stamps_s))
-    depth_unit_m = fields.positive("depth_unit_m")
+    depth_unit_m = said.depth_unit_m or fields.positive("depth_unit_m")
     has_masks = (folder / "mask").is_dir()
     for channel in ("rgb", "depth", "mask")[: 3 if has_masks else 2]:
         _check_numbering(folder, channel, len(stamps_s))
@@ -186,7 +194,8 @@ def _read_images(
         depth_m = depth_from_raw(
             read_depth_raw(frame_file(folder, "depth", i), *size), depth_unit_m
         )
-        frames.append(RgbdFrame(float(stamp_s), rgb, depth_m, camera, poses[i]))
+        T_world_cam = said.T_world_cam(poses[i])
+        frames.append(RgbdFrame(float(stamp_s), rgb, depth_m, camera, T_world_cam))
         if has_masks:
             masks.append(read_mask(frame_file(folder, "mask", i), *size))
     return tuple(frames), tuple(masks) or None
