@@ -146,7 +146,7 @@ def observe_and_fit(
         fit = fit_recording(
             recording, seed, perception, config, stages=stages, watched=watched, stream=stream
         )
-        return InputFit(fit.posterior, fit.observed)
+        return InputFit(_noted(fit.posterior, data.notes), fit.observed)
     if isinstance(data, TracksInput):
         posterior = fit_parts(data.tracks, name, data.noise_known, seed, config)
     else:

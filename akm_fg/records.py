@@ -123,6 +123,7 @@ class Recording:
     T_world_gripper: tuple[gtsam.Pose3, ...] | None = None  # one a frame
     grasp_frames: tuple[int, int] | None = None  # first and last frame in which the gripper holds
     calibration: CalibrationErrors | None = None  # None: as sure as the camera's allowance says
+    notes: tuple[str, ...] = ()  # what reading it had to guess or leave out
 
     def __post_init__(self) -> None:
         n = len(self.frames)

@@ -56,6 +56,7 @@ def _run(argv: list[str]) -> int:
     from akm_fg.cli.fit import FitArguments, fit
     from akm_fg.cli.models.export import ExportArguments, export
     from akm_fg.cli.objects import ObjectsArguments, objects
+    from akm_fg.cli.recordings.convert import ConvertArguments, convert
     from akm_fg.errors import InputError
 
     _set_up_log()
@@ -65,6 +66,7 @@ def _run(argv: list[str]) -> int:
             "explore": ExploreArguments,
             "fit": FitArguments,
             "objects": ObjectsArguments,
+            "convert": ConvertArguments,
             "calibrate": CalibrateArguments,
             "export": ExportArguments,
             "doctor": DoctorArguments,
@@ -86,6 +88,8 @@ def _run(argv: list[str]) -> int:
             return fit(arguments)
         case ObjectsArguments():
             return objects(arguments)
+        case ConvertArguments():
+            return convert(arguments)
         case CalibrateArguments():
             return calibrate(arguments)
         case ExportArguments():

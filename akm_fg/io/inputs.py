@@ -8,9 +8,11 @@ from akm_fg.errors import InputError
 from akm_fg.io.pose_log import read_pose_log
 from akm_fg.io.read_options import ReadOptions
 from akm_fg.io.recording import read_recording
+from akm_fg.io.sources.registry import format_of, read_source
 from akm_fg.io.tracks import TracksInput, read_tracks
 from akm_fg.records import PoseTrack, Recording
 
+RECORDING_FILE = "recording.json"
 FitInput = Recording | TracksInput | PoseTrack
 
 POSE_LOG_SUFFIXES = (".log", ".txt", ".dat", ".csv", ".tsv", ".tum", ".kitti", ".traj")
@@ -38,9 +40,13 @@ def read_input(
         raise InputError(path, "is not a usable path", WHAT) from e
     if not exists:
         raise InputError(path, "does not exist", WHAT)
+    options = options or ReadOptions()
+    if is_folder and (path / RECORDING_FILE).exists():
+        return read_recording(path, first_frames=first_frames, conventions=options.conventions)
+    if format_of(path) is not None:
+        return read_source(path, options.source, options.conventions, first_frames)
     if is_folder:
-        conventions = None if options is None else options.conventions
-        return read_recording(path, first_frames=first_frames, conventions=conventions)
+        return read_recording(path)  # says what is missing
     if first_frames is not None:
         raise InputError(path, "has no frames to choose from", "a recording folder with --frames")
     if path.suffix.lower() == ".npz":

@@ -42,7 +42,12 @@ class PngHeader:
     colour_type: int
 
 
-def _header(data: bytes, place: Path) -> PngHeader:
+def read_header(data: bytes, place: Path) -> PngHeader:
+    """The first chunk of a PNG.
+
+    Raises:
+        InputError: it is none.
+    """
     if data[:8] != SIGNATURE:
         problem = "is empty" if not data else "is not a PNG"
         raise InputError(place, problem, "a PNG image")
@@ -69,7 +74,7 @@ def _load(path: Path, width: int, height: int) -> tuple[bytes, PngHeader]:
         raise InputError(path, "is missing", "one image a frame, numbered from 000000") from e
     except OSError as e:
         raise InputError(path, f"cannot be read ({e.strerror})", "a readable PNG image") from e
-    header = _header(data, path)
+    header = read_header(data, path)
     if (header.width, header.height) != (width, height):
         raise InputError(
             path, f"is {header.width}x{header.height}", f"the camera's {width}x{height} pixels"
@@ -94,7 +99,12 @@ def _check_chunks(data: bytes, path: Path) -> None:
         raise InputError(path, near, "a PNG with right checksums") from problem
 
 
-def _decode(data: bytes, path: Path) -> Image.Image:
+def decode(data: bytes, path: Path) -> Image.Image:
+    """Its pixels, after every chunk was checked; the header is to be judged before.
+
+    Raises:
+        InputError: truncated or damaged.
+    """
     _check_chunks(data, path)
     image = Image.open(io.BytesIO(data), formats=("PNG",))
     try:
@@ -116,7 +126,7 @@ def read_rgb(path: Path, width: int, height: int) -> NDArray[np.uint8]:
     data, header = _load(path, width, height)
     if header.bit_depth != 8:
         raise InputError(path, f"has {header.bit_depth} bits a channel", "an 8 bit colour image")
-    return np.array(_decode(data, path).convert("RGB"), dtype=np.uint8)
+    return np.array(decode(data, path).convert("RGB"), dtype=np.uint8)
 
 
 def read_depth_raw(path: Path, width: int, height: int) -> NDArray[np.uint16]:
@@ -131,7 +141,7 @@ def read_depth_raw(path: Path, width: int, height: int) -> NDArray[np.uint16]:
         raise InputError(
             path, f"has {channels} of {header.bit_depth} bits", "depth as one channel of 16 bits"
         )
-    return np.array(_decode(data, path), dtype=np.uint16)
+    return np.array(decode(data, path), dtype=np.uint16)
 
 
 def read_mask(path: Path, width: int, height: int) -> NDArray[np.bool_]:
@@ -143,7 +153,7 @@ def read_mask(path: Path, width: int, height: int) -> NDArray[np.bool_]:
     data, header = _load(path, width, height)
     if header.bit_depth not in (1, 8) or header.colour_type != GRAY:
         raise InputError(path, "is not an 8 bit gray image", "a mask of 0 and 255 in one channel")
-    mask = np.asarray(_decode(data, path).convert("L"))
+    mask = np.asarray(decode(data, path).convert("L"))
     other = mask[(mask != 0) & (mask != 255)]
     if other.size:
         raise InputError(path, f"holds the value {other[0]}", "a mask of 0 and 255")

@@ -8,6 +8,7 @@ from typing import Literal
 import numpy as np
 
 from akm_fg.io.conventions import InputConventions
+from akm_fg.io.sources.source import SourceOptions
 from akm_fg.records import FloatArray
 
 QuaternionOrder = Literal["xyzw", "wxyz"]
@@ -25,6 +26,7 @@ class ReadOptions:
     quaternion: QuaternionOrder | None = None  # order of a pose log's quaternions
     unit: LengthUnit | None = None  # of positions and of their covariances
     conventions: InputConventions = field(default_factory=InputConventions)  # of recordings
+    source: SourceOptions = field(default_factory=SourceOptions)  # of other people's formats
 
 
 LARGEST_NUMBER = 1e9  # of a coordinate in any unit: what is beyond is a broken file

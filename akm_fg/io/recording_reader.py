@@ -186,7 +186,7 @@ def _read_images(
     has_masks = (folder / "mask").is_dir()
     for channel in ("rgb", "depth", "mask")[: 3 if has_masks else 2]:
         _check_numbering(folder, channel, len(stamps_s))
-    _check_memory(folder, camera, take)
+    check_memory(folder, camera, take)
     size = (camera.width, camera.height)
     frames, masks = [], []
     for i, stamp_s in enumerate(stamps_s[:take]):
@@ -201,7 +201,7 @@ def _read_images(
     return tuple(frames), tuple(masks) or None
 
 
-def _check_memory(folder: Path, camera: PinholeCamera, frames: int) -> None:
+def check_memory(folder: Path, camera: PinholeCamera, frames: int) -> None:
     """Refuse more than the machine holds, before any image is read."""
     needs = frames * camera.width * camera.height * BYTES_A_PIXEL
     has = os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")

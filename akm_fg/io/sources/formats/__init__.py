@@ -1,0 +1,1 @@
+"""One file a format: `NAME`, `recognises(path)` and `open_source(path, options)`."""

@@ -1,0 +1,1 @@
+"""What a ROS bag holds, as `rosbags` hands it on: pictures, cameras, transforms."""

@@ -1,0 +1,266 @@
+"""A door as recordings of many formats, each written by the format's own library."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from akm_fg.records import Recording
+
+COLOUR_FRAME, DEPTH_FRAME = "camera_color_optical_frame", "camera_depth_optical_frame"
+
+
+@pytest.fixture(scope="session")
+def mm_door(door) -> Recording:
+    """The rendered door, its depth in whole millimetres: what every format can hold exactly."""
+    frames = []
+    for frame in door.frames:
+        depth_m = (np.rint(frame.depth_m.astype(np.float64) * 1e3) * 1e-3).astype(np.float32)
+        frames.append(replace(frame, depth_m=depth_m, stamp_s=frame.stamp_s + 1000.0))
+    return Recording("door", tuple(frames))
+
+
+def millimetres(frame) -> np.ndarray:
+    return np.nan_to_num(np.rint(frame.depth_m.astype(np.float64) * 1e3), nan=0).astype(np.uint16)
+
+
+def intrinsics_json(camera) -> dict:
+    K = [camera.fx, 0, 0, 0, camera.fy, 0, camera.cx, camera.cy, 1]
+    return {"width": camera.width, "height": camera.height, "intrinsic_matrix": K}
+
+
+def write_picture(path: Path, rgb: np.ndarray) -> None:
+    path.parent.mkdir(parents=True, exist_ok=True)
+    image = cv2.cvtColor(rgb, cv2.COLOR_RGB2BGR) if rgb.ndim == 3 else rgb
+    path.write_bytes(encoded(path.suffix, image))
+
+
+def encoded(ending: str, image: np.ndarray) -> bytes:
+    settings = [cv2.IMWRITE_JPEG_QUALITY, 100] if ending == ".jpg" else []
+    done, data = cv2.imencode(ending, image, settings)
+    assert done
+    return data.tobytes()
+
+
+def write_tum(folder: Path, recording: Recording, ending: str = "png", unit: float = 5.0) -> Path:
+    """As the benchmark's description has it: there is no library that writes it."""
+    folder.mkdir(parents=True)
+    rgb, depth, poses = [], [], []
+    for frame in recording.frames:
+        name = f"{frame.stamp_s:.6f}"
+        write_picture(folder / "rgb" / f"{name}.{ending}", frame.rgb)
+        write_picture(folder / "depth" / f"{name}.png", (millimetres(frame) * unit).astype("u2"))
+        rgb.append(f"{name} rgb/{name}.{ending}")
+        depth.append(f"{name} depth/{name}.png")
+        p, q = frame.T_world_cam.translation(), frame.T_world_cam.rotation().toQuaternion()
+        numbers = (*p, q.x(), q.y(), q.z(), q.w())
+        poses.append(f"{name} " + " ".join(f"{x:.12f}" for x in numbers))
+    head = "# a comment\n# timestamp filename\n"
+    for name, rows in (("rgb", rgb), ("depth", depth), ("groundtruth", poses)):
+        (folder / f"{name}.txt").write_text(head + "\n".join(rows) + "\n")
+    camera = recording.frames[0].camera
+    (folder / "camera.json").write_text(json.dumps(intrinsics_json(camera)))
+    return folder
+
+
+def write_redwood(folder: Path, recording: Recording, ending: str = "png") -> Path:
+    """By Open3D."""
+    import open3d as o3d
+
+    (folder / "color").mkdir(parents=True)
+    (folder / "depth").mkdir()
+    c = recording.frames[0].camera
+    intrinsic = o3d.camera.PinholeCameraIntrinsic(c.width, c.height, c.fx, c.fy, c.cx, c.cy)
+    o3d.io.write_pinhole_camera_intrinsic(str(folder / "camera.json"), intrinsic)
+    trajectory, places = o3d.camera.PinholeCameraTrajectory(), []
+    for i, frame in enumerate(recording.frames):
+        colour, depth = o3d.geometry.Image(frame.rgb), o3d.geometry.Image(millimetres(frame))
+        o3d.io.write_image(str(folder / "color" / f"{i:06d}.{ending}"), colour)
+        o3d.io.write_image(str(folder / "depth" / f"{i:06d}.png"), depth)
+        place = o3d.camera.PinholeCameraParameters()
+        place.intrinsic, place.extrinsic = intrinsic, frame.T_world_cam.inverse().matrix()
+        places.append(place)
+    trajectory.parameters = places
+    o3d.io.write_pinhole_camera_trajectory(str(folder / "trajectory.log"), trajectory)
+    return folder
+
+
+class BagMessages:
+    """Messages of one version of ROS."""
+
+    def __init__(self, ros1: bool) -> None:
+        from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+
+        self.ros1 = ros1
+        self.store = get_typestore(Stores.ROS1_NOETIC if ros1 else Stores.ROS2_HUMBLE)
+        name = "tf2_msgs/msg/TFMessage"
+        if name not in self.store.types:
+            text = "geometry_msgs/TransformStamped[] transforms\n"
+            self.store.register(get_types_from_msg(text, name))
+
+    def make(self, name: str, **fields):
+        return self.store.types[name](**fields)
+
+    def stamp(self, stamp_s: float):
+        whole = int(np.floor(stamp_s))
+        nano = round(1e9 * (stamp_s - whole))
+        return self.make("builtin_interfaces/msg/Time", sec=whole, nanosec=nano)
+
+    def header(self, stamp_s: float, frame: str):
+        fields = {"stamp": self.stamp(stamp_s), "frame_id": frame}
+        if self.ros1:
+            fields["seq"] = 0
+        return self.make("std_msgs/msg/Header", **fields)
+
+    def image(self, stamp_s: float, frame: str, image: np.ndarray, encoding: str):
+        return self.make(
+            "sensor_msgs/msg/Image",
+            header=self.header(stamp_s, frame),
+            height=image.shape[0],
+            width=image.shape[1],
+            encoding=encoding,
+            is_bigendian=0,
+            step=image.strides[0],
+            data=np.frombuffer(image.tobytes(), np.uint8),
+        )
+
+    def compressed(self, stamp_s: float, frame: str, data: bytes, how: str):
+        return self.make(
+            "sensor_msgs/msg/CompressedImage",
+            header=self.header(stamp_s, frame),
+            format=how,
+            data=np.frombuffer(data, np.uint8),
+        )
+
+    def info(self, stamp_s: float, frame: str, camera, distortion=()):
+        K = [camera.fx, 0, camera.cx, 0, camera.fy, camera.cy, 0, 0, 1]
+        P = [camera.fx, 0, camera.cx, 0, 0, camera.fy, camera.cy, 0, 0, 0, 1, 0]
+        numbers = {"d": distortion or (0.0,) * 5, "k": K, "r": np.eye(3).ravel(), "p": P}
+        names = {n.upper() if self.ros1 else n: np.array(v, float) for n, v in numbers.items()}
+        roi = self.make(
+            "sensor_msgs/msg/RegionOfInterest",
+            x_offset=0, y_offset=0, height=0, width=0, do_rectify=False,
+        )  # fmt: skip
+        return self.make(
+            "sensor_msgs/msg/CameraInfo",
+            header=self.header(stamp_s, frame),
+            height=camera.height,
+            width=camera.width,
+            distortion_model="plumb_bob",
+            binning_x=0,
+            binning_y=0,
+            roi=roi,
+            **names,
+        )
+
+    def transform(self, stamp_s: float, parent: str, child: str, T):
+        p, q = T.translation(), T.rotation().toQuaternion()
+        return self.make(
+            "geometry_msgs/msg/TransformStamped",
+            header=self.header(stamp_s, parent),
+            child_frame_id=child,
+            transform=self.make(
+                "geometry_msgs/msg/Transform",
+                translation=self.make("geometry_msgs/msg/Vector3", x=p[0], y=p[1], z=p[2]),
+                rotation=self.make(
+                    "geometry_msgs/msg/Quaternion", x=q.x(), y=q.y(), z=q.z(), w=q.w()
+                ),
+            ),
+        )
+
+    def tf(self, *transforms):
+        return self.make("tf2_msgs/msg/TFMessage", transforms=list(transforms))
+
+
+def write_bag(path: Path, version: str, entries) -> Path:
+    """entries: (topic, stamp_s, message) by `BagMessages(version == "ros1")`."""
+    from rosbags.rosbag1 import Writer as Writer1
+    from rosbags.rosbag2 import StoragePlugin
+    from rosbags.rosbag2 import Writer as Writer2
+
+    messages = BagMessages(version == "ros1")
+    if version == "ros1":
+        writer = Writer1(path)
+        raw = messages.store.serialize_ros1
+    else:
+        plugin = StoragePlugin.MCAP if version == "mcap" else StoragePlugin.SQLITE3
+        writer = Writer2(path, version=9, storage_plugin=plugin)
+        raw = messages.store.serialize_cdr
+    with writer:
+        connections = {}
+        for topic, stamp_s, message in entries(messages):
+            kind = message.__msgtype__
+            if topic not in connections:
+                connections[topic] = writer.add_connection(topic, kind, typestore=messages.store)
+            writer.write(connections[topic], round(1e9 * (stamp_s + 1)), raw(message, kind))
+    return path
+
+
+def bag_entries(recording: Recording, encode: str = "raw"):
+    """The recording as topics of a camera whose place is told by tf."""
+
+    def entries(make: BagMessages):
+        first = recording.frames[0]
+        tf = make.transform(first.stamp_s, "world", COLOUR_FRAME, first.T_world_cam)
+        yield "/tf_static", first.stamp_s, make.tf(tf)
+        for frame in recording.frames:
+            s = frame.stamp_s
+            depth = millimetres(frame)
+            base = "/camera/color/image_raw", "/camera/aligned_depth_to_color/image_raw"
+            if encode == "raw":
+                yield base[0], s, make.image(s, COLOUR_FRAME, frame.rgb, "rgb8")
+                yield base[1], s, make.image(s, COLOUR_FRAME, depth, "16UC1")
+            else:
+                bgr = cv2.cvtColor(frame.rgb, cv2.COLOR_RGB2BGR)
+                data = encoded(f".{encode}", bgr)
+                how = f"rgb8; {'jpeg' if encode == 'jpg' else 'png'} compressed bgr8"
+                rgb = make.compressed(s, COLOUR_FRAME, data, how)
+                yield f"{base[0]}/compressed", s, rgb
+                data = bytes(12) + encoded(".png", depth)
+                how = "16UC1; compressedDepth png"
+                packed = make.compressed(s, COLOUR_FRAME, data, how)
+                yield f"{base[1]}/compressedDepth", s, packed
+            yield "/camera/color/camera_info", s, make.info(s, COLOUR_FRAME, frame.camera)
+
+    return entries
+
+
+def write_ros1(path: Path, recording: Recording) -> Path:
+    return write_bag(path.with_suffix(".bag"), "ros1", bag_entries(recording))
+
+
+def write_ros2(path: Path, recording: Recording) -> Path:
+    return write_bag(path, "ros2", bag_entries(recording))
+
+
+def write_mcap(path: Path, recording: Recording) -> Path:
+    """The file alone, as it is handed around."""
+    (file,) = write_bag(path, "mcap", bag_entries(recording, "png")).glob("*.mcap")
+    return file
+
+
+WRITERS = {
+    "tum": write_tum,
+    "redwood": write_redwood,
+    "ros1": write_ros1,
+    "ros2": write_ros2,
+    "mcap": write_mcap,
+}
+
+
+@pytest.fixture(params=WRITERS)
+def written(request, tmp_path, mm_door):
+    """Path and name of the door in each format."""
+    pytest.importorskip("open3d" if request.param == "redwood" else "rosbags")
+    return WRITERS[request.param](tmp_path / "door", mm_door), request.param
+
+
+@pytest.fixture(scope="session")
+def write():
+    """All that tests write with, by name."""
+    return {**WRITERS, "bag": write_bag, "entries": bag_entries, "picture": write_picture}
