@@ -33,13 +33,16 @@ BROKEN = (
 _SUFFIX = ".npy"
 
 
-def load_arrays(path: Path, wanted: Collection[str], what: str) -> dict[str, NDArray[Any]]:
+def load_arrays(
+    path: Path, wanted: Collection[str], what: str, most_numbers: int = 3 * MAX_NUMBERS
+) -> dict[str, NDArray[Any]]:
     """The arrays of these names, by lower-case name, that the archive holds.
 
     Args:
         path: of the file.
         wanted: names in lower case.
         what: the file should be, for messages.
+        most_numbers: that one array may hold; the default is of covariances, three a coordinate.
 
     Raises:
         InputError: no such file, no archive, damaged, pickles, too large, or a name twice.
@@ -63,7 +66,7 @@ def load_arrays(path: Path, wanted: Collection[str], what: str) -> dict[str, NDA
     try:
         with zipfile.ZipFile(path) as archive:
             members = _members(path, archive, wanted, what)
-            _check_sizes(path, archive, members)
+            _check_sizes(path, archive, members, most_numbers)
             for name, member in members.items():
                 with archive.open(member) as file_:
                     arrays[name] = np.asarray(np.lib.format.read_array(file_, allow_pickle=False))
@@ -94,8 +97,10 @@ def _members(
     return members
 
 
-def _check_sizes(path: Path, archive: zipfile.ZipFile, members: dict[str, zipfile.ZipInfo]) -> None:
-    total = 0
+def _check_sizes(
+    path: Path, archive: zipfile.ZipFile, members: dict[str, zipfile.ZipInfo], most_numbers: int
+) -> None:
+    total, most_bytes = 0, max(MAX_BYTES, 4 * most_numbers)
     for name, info in members.items():
         with archive.open(info) as file:
             shape, dtype = _header(file)
@@ -103,15 +108,15 @@ def _check_sizes(path: Path, archive: zipfile.ZipFile, members: dict[str, zipfil
         if dtype.hasobject:
             continue  # the reader refuses pickles by themselves
         numbers = math.prod(shape)
-        if numbers > MAX_NUMBERS * 3:  # of covariances, three a coordinate
+        if numbers > most_numbers:
             problem = f"`{name}` claims {numbers:.3g} numbers"
-            raise InputError(path, problem, f"at most {MAX_NUMBERS} of points")
+            raise InputError(path, problem, f"at most {min(most_numbers, MAX_NUMBERS)} of points")
         if numbers * dtype.itemsize != holds:
             problem = f"`{name}` claims shape {shape} ({numbers * dtype.itemsize} bytes)"
             raise InputError(path, f"{problem} and holds {holds}", "an archive that is whole")
         total += holds
-    if total > MAX_BYTES:
-        raise InputError(path, f"holds {total / 1e9:.1f} GB", f"at most {MAX_BYTES / 1e9:.1f} GB")
+    if total > most_bytes:
+        raise InputError(path, f"holds {total / 1e9:.1f} GB", f"at most {most_bytes / 1e9:.1f} GB")
 
 
 def _header(file: IO[bytes]) -> tuple[tuple[int, ...], np.dtype[Any]]:

@@ -7,6 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import cv2
+import gtsam
 import numpy as np
 import pytest
 
@@ -244,7 +245,125 @@ def write_mcap(path: Path, recording: Recording) -> Path:
     return file
 
 
+def write_video(folder: Path, recording: Recording, codec: str = "ffv1") -> Path:
+    """By FFmpeg, without loss."""
+    from fractions import Fraction
+
+    import av
+
+    folder.mkdir(parents=True)
+    first = recording.frames[0]
+    with av.open(str(folder / "colour.mkv"), "w") as container:
+        stream = container.add_stream(codec, rate=10)
+        stream.width, stream.height = first.camera.width, first.camera.height
+        stream.pix_fmt = "bgr0" if codec == "ffv1" else "yuv420p"
+        stream.time_base = Fraction(1, 10)
+        for i, frame in enumerate(recording.frames):
+            picture = av.VideoFrame.from_ndarray(frame.rgb, format="rgb24")
+            picture.pts, picture.time_base = i, Fraction(1, 10)
+            container.mux(stream.encode(picture))
+        container.mux(stream.encode())
+    c = first.camera
+    np.savez_compressed(
+        folder / "depth.npz",
+        depth=np.stack([millimetres(frame) for frame in recording.frames]),
+        K=np.array([[c.fx, 0, c.cx], [0, c.fy, c.cy], [0, 0, 1.0]]),
+        T_world_cam=first.T_world_cam.matrix(),
+    )
+    return folder
+
+
+def write_r3d(path: Path, recording: Recording, reduced: int = 1, quality: int = 100) -> Path:
+    """As Record3D exports it: JPEG, depth in metres by LZFSE, ARKit's poses with y up."""
+    import zipfile
+
+    import liblzfse
+
+    path, frames = path.with_suffix(".r3d"), recording.frames
+    c, times = frames[0].camera, [frame.stamp_s for frame in frames]
+    y_up = gtsam.Pose3(gtsam.Rot3(np.array([[0, 1.0, 0], [0, 0, 1.0], [1.0, 0, 0]])), np.zeros(3))
+    gl = gtsam.Pose3(gtsam.Rot3(np.diag([1.0, -1.0, -1.0])), np.zeros(3))
+    rows = []
+    for frame in frames:
+        T = y_up * frame.T_world_cam * gl
+        q = T.rotation().toQuaternion()
+        rows.append([q.x(), q.y(), q.z(), q.w(), *T.translation()])
+    metadata = {
+        "w": c.width, "h": c.height, "fps": 10, "poses": rows, "frameTimestamps": times,
+        "K": [c.fx, 0, 0, 0, c.fy, 0, c.cx, c.cy, 1],
+        "dw": c.width // reduced, "dh": c.height // reduced,
+    }  # fmt: skip
+    with zipfile.ZipFile(path, "w") as archive:
+        archive.writestr("metadata", json.dumps(metadata))
+        for i, frame in enumerate(frames):
+            image = cv2.cvtColor(frame.rgb, cv2.COLOR_RGB2BGR)
+            data = cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, quality])[1]
+            archive.writestr(f"rgbd/{i}.jpg", data.tobytes())
+            depth = frame.depth_m[reduced // 2 :: reduced, reduced // 2 :: reduced]
+            archive.writestr(f"rgbd/{i}.depth", liblzfse.compress(depth.tobytes()))
+            conf = np.full(depth.shape, 2, np.uint8)
+            archive.writestr(f"rgbd/{i}.conf", liblzfse.compress(conf.tobytes()))
+    return path
+
+
+def write_realsense(path: Path, recording: Recording) -> Path:
+    """By librealsense, from a device that is made of software."""
+    import time
+
+    import pyrealsense2 as rs
+
+    device, path = rs.software_device(), path.with_suffix(".db3")
+    c = recording.frames[0].camera
+    lens = rs.intrinsics()
+    lens.width, lens.height, lens.fx, lens.fy = c.width, c.height, c.fx, c.fy
+    lens.ppx, lens.ppy, lens.model, lens.coeffs = c.cx, c.cy, rs.distortion.none, [0.0] * 5
+    kinds = (
+        ("Stereo", rs.stream.depth, rs.format.z16, 2),
+        ("RGB", rs.stream.color, rs.format.rgb8, 3),
+    )
+    sensors, profiles = [], []
+    for uid, (name, kind, layout, size) in enumerate(kinds):
+        sensor, stream = device.add_sensor(name), rs.video_stream()
+        stream.type, stream.index, stream.uid, stream.fmt = kind, 0, uid, layout
+        stream.width, stream.height, stream.fps, stream.bpp = c.width, c.height, 10, size
+        stream.intrinsics = lens
+        sensors.append(sensor)
+        profiles.append(sensor.add_video_stream(stream))
+    sensors[0].add_read_only_option(rs.option.depth_units, 0.001)
+    same = rs.extrinsics()
+    same.rotation, same.translation = [1.0, 0, 0, 0, 1, 0, 0, 0, 1], [0.0, 0, 0]
+    profiles[0].register_extrinsics_to(profiles[1], same)
+    recorder = rs.recorder(str(path), device)
+    waiting = rs.frame_queue(50)
+    for sensor in recorder.query_sensors():
+        sensor.open(sensor.get_stream_profiles()[0])
+        sensor.start(waiting)
+    kept = []  # librealsense reads the pixels later
+    for number, frame in enumerate(recording.frames, 1):
+        images = millimetres(frame), np.ascontiguousarray(frame.rgb)
+        for sensor, profile, (*_, size), image in zip(
+            sensors, profiles, kinds, images, strict=True
+        ):
+            picture = rs.software_video_frame()
+            picture.pixels, picture.stride, picture.bpp = image, size * c.width, size
+            picture.timestamp, picture.frame_number = 1e3 * frame.stamp_s, number
+            picture.domain = rs.timestamp_domain.hardware_clock
+            picture.profile = profile.as_video_stream_profile()
+            if size == 2:
+                picture.depth_units = 0.001
+            sensor.on_video_frame(picture)
+            kept += [picture, image]
+            time.sleep(0.02)  # the recorder writes in a thread of its own, and drops what is late
+    for sensor in recorder.query_sensors():
+        sensor.stop()
+        sensor.close()
+    del recorder
+    return path
+
+
 WRITERS = {
+    "video": write_video,
+    "realsense": write_realsense,
     "tum": write_tum,
     "redwood": write_redwood,
     "ros1": write_ros1,
@@ -253,14 +372,30 @@ WRITERS = {
 }
 
 
+NEEDS = {
+    "redwood": "open3d",
+    "ros1": "rosbags",
+    "ros2": "rosbags",
+    "mcap": "rosbags",
+    "video": "av",
+    "realsense": "pyrealsense2",
+}
+
+
 @pytest.fixture(params=WRITERS)
 def written(request, tmp_path, mm_door):
     """Path and name of the door in each format."""
-    pytest.importorskip("open3d" if request.param == "redwood" else "rosbags")
+    pytest.importorskip(NEEDS.get(request.param, "numpy"))
     return WRITERS[request.param](tmp_path / "door", mm_door), request.param
 
 
 @pytest.fixture(scope="session")
 def write():
     """All that tests write with, by name."""
-    return {**WRITERS, "bag": write_bag, "entries": bag_entries, "picture": write_picture}
+    return {
+        **WRITERS,
+        "bag": write_bag,
+        "entries": bag_entries,
+        "picture": write_picture,
+        "r3d": write_r3d,
+    }

@@ -1,0 +1,1 @@
+"""How `pyrealsense2` plays a recording."""
