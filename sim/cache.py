@@ -76,6 +76,11 @@ def kept(name: str, make: Callable[[Path], None]) -> Path:
     return target
 
 
+def is_kept(name: str) -> bool:
+    """Whether the cache's folder `name` is there; it counts as used now."""
+    return _used(cache_folder() / name)
+
+
 def _locked(folder: Path) -> int | None:
     """A descriptor that locks the folder until it is closed, or its process ends.
 

@@ -170,8 +170,16 @@ def _seen(link: Link, model: UrdfModel) -> list[Surface]:
 
 def _collisions(link: Link, seen: list[Surface], model: UrdfModel) -> list[Surface]:
     """The link's collision shapes; its visual ones where there are none, or a file is missing."""
+    if len(link.collisions) == len(link.visuals) and all(map(_same, link.collisions, link.visuals)):
+        return seen  # as in PartNet: hundreds of files are read once
     whole = all(shape.mesh is None or shape.mesh.is_file() for shape in link.collisions)
     return (_surfaces(link, link.collisions, model) if whole else []) or seen
+
+
+def _same(a: Shape, b: Shape) -> bool:
+    """Whether both fill the same space."""
+    placed = np.array_equal(a.T_link_shape.matrix(), b.T_link_shape.matrix())
+    return placed and (a.kind, a.mesh) == (b.kind, b.mesh) and np.array_equal(a.size, b.size)
 
 
 def _points(surfaces: list[Surface]) -> FloatArray:

@@ -1,74 +1,84 @@
-"""Collision shapes: a mesh as convex pieces, decomposed once and kept.
+"""Collision shapes: a mesh as convex pieces.
 
-PyBullet takes the convex hull of a mesh that moves, which fills the gap behind a handle. Pieces
-that are convex as they are stay so; the rest is decomposed with CoACD, whose result is kept in
-the user's cache folder under the content of the mesh.
+PyBullet takes the convex hull of a mesh that moves, which fills the gap behind a handle. Loose
+parts that are convex as they are stay so; the rest is decomposed with CoACD.
 """
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass
-from pathlib import Path
+from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 import trimesh
 from scipy.spatial import ConvexHull, QhullError
 
-from akm_fg.errors import MissingDependency
 from akm_fg.records import FloatArray
-from sim.bullet import quiet
-from sim.cache import digest, kept
+from sim.objects.imported.decomposition import FINE, Decomposition, decomposed
 from sim.objects.obj_files import IntArray
 
-PIECE_VERTICES = 64  # at most, of one convex piece
-SEED = 0  # of its tree search
 FLAT_M = 0.002  # thickness given to what has none
 ON_HULL = 0.02  # of the size: faces so near the hull are on it
-CONVEX_SHARE = 0.97  # of the area on the hull, from which a piece is called convex
-PIECES_MAX = 48  # loose pieces of one mesh; more are decomposed together
+CONVEX_SHARE = 0.97  # of the area on the hull, from which a part is called convex
+FILLED_SHARE = 0.8  # of the hull's volume, from which a closed part is called convex
+PARTS_MAX = 48  # loose parts of one mesh; more are decomposed together
 
 
 @dataclass(frozen=True, slots=True)
-class Decomposition:
-    """How finely CoACD works; the names are its own."""
+class LoosePart:
+    """What hangs together of a mesh."""
 
-    threshold: float  # concavity, of the piece's size
-    mcts_iterations: int = 20  # its default of 150 takes five times as long for as good pieces
-    mcts_nodes: int = 20
-    mcts_max_depth: int = 3
-    resolution: int = 500  # samples of a surface
-    preprocess_resolution: int = 30  # of the closed surface that is made of an open one
+    points: FloatArray  # (N, 3), m
+    faces: IntArray  # (F, 3)
+    convex: bool  # or nearly so
+
+    def hull(self) -> FloatArray:
+        """Corners (M, 3) of its hull."""
+        return hull_corners(self.points)
 
 
-FINE = Decomposition(0.05)  # what is gripped
-COARSE = Decomposition(0.4, mcts_nodes=10, mcts_max_depth=2, preprocess_resolution=20)
+def loose_parts(points: FloatArray, faces: IntArray) -> list[LoosePart]:
+    """The parts of a mesh, in its frame; the whole where they are too many."""
+    mesh = trimesh.Trimesh(points, faces, process=False)
+    mesh.merge_vertices(merge_tex=True, merge_norm=True)
+    parts = mesh.split(only_watertight=False, repair=False)
+    found = []
+    for part in [mesh] if len(parts) > PARTS_MAX else parts:
+        corners, of_part = np.asarray(part.vertices, dtype=float), np.asarray(part.faces, np.int64)
+        found.append(LoosePart(corners, of_part, is_convex(corners, of_part)))
+    return found
+
+
+def pieces_of(parts: Sequence[LoosePart], how: Decomposition) -> list[FloatArray]:
+    """Corners (M, 3) of convex pieces that together fill the parts."""
+    hollow = [(part.points, part.faces) for part in parts if not part.convex]
+    found = iter(decomposed(hollow, how))
+    pieces = []
+    for part in parts:
+        corners = [part.points] if part.convex else next(found)
+        pieces += [hull_corners(each) for each in corners]
+    return pieces
 
 
 def convex_pieces(
     points: FloatArray, faces: IntArray, how: Decomposition = FINE
 ) -> list[FloatArray]:
     """Corners (N, 3) of convex pieces that together fill the mesh, in its frame, m."""
-    mesh = trimesh.Trimesh(points, faces, process=False)
-    mesh.merge_vertices(merge_tex=True, merge_norm=True)
-    parts = mesh.split(only_watertight=False, repair=False)
-    if len(parts) > PIECES_MAX:
-        parts = [mesh]
-    pieces: list[FloatArray] = []
-    for part in parts:
-        corners = np.asarray(part.vertices, dtype=float)
-        if is_convex(corners, np.asarray(part.faces)):
-            pieces.append(hull_corners(corners))
-        else:
-            pieces += _decomposed(corners, np.asarray(part.faces, dtype=np.int64), how)
-    return pieces
+    return pieces_of(loose_parts(points, faces), how)
 
 
 def is_convex(points: FloatArray, faces: IntArray) -> bool:
-    """Whether (nearly) all faces lie on the hull; holes in the surface do not matter."""
+    """Whether (nearly) all faces lie on the hull, and what is closed fills it.
+
+    Holes in the surface do not matter; a hole through a board does, whose edges are all near.
+    """
     try:
         hull = ConvexHull(points)
     except QhullError:  # flat
         return True
+    mesh = trimesh.Trimesh(points, faces, process=False)
+    if mesh.is_volume and mesh.volume < FILLED_SHARE * hull.volume:
+        return False
     corners = points[faces]
     middles = corners.mean(axis=1)
     areas = np.linalg.norm(
@@ -94,43 +104,3 @@ def hull_corners(points: FloatArray) -> FloatArray:
             half = np.maximum(np.ptp(points, axis=0), FLAT_M) / 2.0
             signs = np.array(np.meshgrid(*[[-1, 1]] * 3)).reshape(3, -1).T
             return np.asarray((points.min(axis=0) + points.max(axis=0)) / 2.0 + signs * half)
-
-
-def _decomposed(points: FloatArray, faces: IntArray, how: Decomposition) -> list[FloatArray]:
-    """CoACD's pieces, from the cache or made now."""
-    size = float(np.ptp(points, axis=0).max())
-    shift = points.min(axis=0)
-    unit = np.round((points - shift) / size, 6)  # the same at every scale and place
-    key = digest(_version(), f"{how} {PIECE_VERTICES} {SEED}", unit.tobytes(), faces.tobytes())
-
-    def make(folder: Path) -> None:
-        np.savez(folder / "pieces.npz", *_run_coacd(unit, faces, how))
-
-    stored = np.load(kept(f"convex-{key}", make) / "pieces.npz", allow_pickle=False)
-    return [stored[f"arr_{i}"] * size + shift for i in range(len(stored.files))]
-
-
-def _version() -> str:
-    try:
-        import importlib.metadata
-
-        return importlib.metadata.version("coacd")
-    except ModuleNotFoundError as error:
-        raise MissingDependency(
-            "this object's meshes are not convex and need coacd; install akm-fg[sim]"
-        ) from error
-
-
-def _run_coacd(points: FloatArray, faces: IntArray, how: Decomposition) -> list[FloatArray]:
-    import coacd
-
-    with quiet():
-        coacd.set_log_level("error")
-        pieces = coacd.run_coacd(
-            coacd.Mesh(points, faces.astype(np.int32)),
-            **asdict(how),
-            max_ch_vertex=PIECE_VERTICES,
-            decimate=True,
-            seed=SEED,
-        )
-    return [hull_corners(np.asarray(vertices, dtype=float)) for vertices, _ in pieces]

@@ -18,15 +18,19 @@ from sim.objects.imported.imported_spec import ImportedSpec
 from sim.objects.imported.surfaces import Surface
 from sim.objects.meshes import inertia_of_solids
 from sim.objects.obj_files import IntArray, Patch, joined, write_obj, write_solid
-from sim.objects.part_spec import BuiltObject, middle_of_front
+from sim.objects.part_spec import BuiltObject, middle_of_front, standard_range
+from sim.objects.placement import opened
 from sim.objects.urdf.urdf_files import (
     CORPUS_KG,
     INERTIA_MIN,
+    OBJECT_URDF,
     inertial_element,
     joint_element,
     write_object,
 )
 from sim.objects.urdf.urdf_reader import read_urdf
+
+GRIP_STATES = 5  # of the part, at which the hand needs its room
 
 
 def build_imported(spec: ImportedSpec, folder: Path) -> BuiltObject:
@@ -34,26 +38,24 @@ def build_imported(spec: ImportedSpec, folder: Path) -> BuiltObject:
     model = read_urdf(spec.urdf)
     joint = model.joint(spec.joint)
     found = assemble(model, joint, spec.scale, 1.0, spec.front)
-    shift = -found.pivot
-    grip = spec.handle.pose()
-    hard, hard_part = (
-        link_pieces(name, surfaces, grip)
-        for name, surfaces in (("corpus", found.collision_corpus), ("part", found.collision_part))
-    )
-    still = _link("corpus", found.corpus, hard, np.zeros(3), CORPUS_KG, folder)
-    moving = _link("part", found.part, hard_part, shift, spec.mass_kg, folder)
-    part_joint = joint_element(spec, found.pivot, found.axis)
-    urdf = write_object(f"{spec.family} {spec.joint}", still, moving, part_joint, folder)
-    points = np.concatenate([surface.points for surface in found.part])
-    return BuiltObject(
+    built = BuiltObject(
         spec=spec,
-        urdf=urdf,
+        urdf=folder / OBJECT_URDF,
         axis_object=found.axis,
         pivot_object=found.pivot,
         T_object_handle=spec.handle.pose(),
-        p_object_front=middle_of_front(points),
+        p_object_front=middle_of_front(np.concatenate([s.points for s in found.part])),
         handle_thickness_m=spec.handle.thickness_m,
     )
+    states = np.linspace(0.0, standard_range(spec), GRIP_STATES)
+    grips = [opened(built, float(q)) * built.T_object_handle for q in states]
+    hard = link_pieces("corpus", found.collision_corpus, grips)
+    hard_part = link_pieces("part", found.collision_part, grips[:1])  # the hand goes with it
+    still = _link("corpus", found.corpus, hard, np.zeros(3), CORPUS_KG, folder)
+    moving = _link("part", found.part, hard_part, -found.pivot, spec.mass_kg, folder)
+    part_joint = joint_element(spec, found.pivot, found.axis)
+    write_object(f"{spec.family} {spec.joint}", still, moving, part_joint, folder)
+    return built
 
 
 def _link(

@@ -12,6 +12,7 @@ from akm_fg.records import FloatArray
 from sim.objects.meshes import Box, inertia_of_boxes, write_textured_boxes
 
 PART_JOINT = "part_joint"
+OBJECT_URDF = "object.urdf"  # the whole, in an object's folder
 CORPUS_KG = 25.0  # stands fixed: its mass plays no part
 INERTIA_MIN = 1e-5  # kg m^2, of the smallest parts: keeps the solver sound
 
@@ -68,7 +69,7 @@ def write_object(
     """Writes `object.urdf`, `corpus.urdf` and `moving.urdf` of a corpus, a part and a joint."""
     _write(folder / "corpus.urdf", name, [still])
     _write(folder / "moving.urdf", name, [_unseen(still), moving, joint])
-    return _write(folder / "object.urdf", name, [still, moving, joint])
+    return _write(folder / OBJECT_URDF, name, [still, moving, joint])
 
 
 def _write(path: Path, name: str, elements: list[ET.Element]) -> Path:

@@ -12,7 +12,8 @@ import trimesh
 from sim.objects.imported import collision_pieces
 from sim.objects.imported.collision_pieces import link_pieces
 from sim.objects.imported.contact import EDGE_GRIP_M, find_contact
-from sim.objects.imported.convex import COARSE, convex_pieces
+from sim.objects.imported.convex import convex_pieces
+from sim.objects.imported.decomposition import COARSE
 from sim.objects.imported.imported_build import inertia_of_hulls
 from sim.objects.imported.imported_spec import ImportOptions
 from sim.objects.imported.surfaces import Surface
@@ -57,7 +58,7 @@ def test_only_what_the_hand_comes_near_is_decomposed_finely(own_cache: Path):
 
     def volumes(surface: Surface, grip: list[float]) -> float:
         T = gtsam.Pose3(gtsam.Rot3(R_LYING), np.array(grip))
-        pieces = link_pieces("corpus", [surface], T)
+        pieces = link_pieces("corpus", [surface], [T])
         volume = sum(trimesh.convex.convex_hull(piece).volume for piece in pieces)
         return float(volume / surface.mesh().volume)
 
@@ -83,7 +84,7 @@ def test_a_long_decomposition_tells_how_far_it_is(
     caplog.set_level("INFO", "akm_fg.progress")
     box = trimesh.creation.box([1.0, 1.0, 1.0])
     surface = Surface("box", box.vertices, box.faces, (0.5, 0.5, 0.5))
-    link_pieces("corpus", [surface, surface], gtsam.Pose3())
+    link_pieces("corpus", [surface, surface], [gtsam.Pose3()])
     assert caplog.messages[-1] == "collision shapes of the corpus: 1 of 2 meshes"
 
 
