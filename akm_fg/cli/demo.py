@@ -43,6 +43,9 @@ class DemoArguments:
     the folder of a PartNet-Mobility object."""
     joint: str | None = None
     """Of a file or folder: the joint that is free, where several move."""
+    scale: float | None = None
+    """Of a file or folder: what every length in it is multiplied by, such as 0.001 for one in
+    millimetres. If absent 1 for a URDF file, and for a folder what its category's size gives."""
     target: str | None = None
     """Opening to reach from closed: metres (0.25) where it slides, degrees (35deg) where it turns.
     If absent 0.20 or 35deg, or 0.8 of the range where that is less."""
@@ -105,7 +108,7 @@ def run_demo(
 
     config = demo_config(arguments, config)
     stages = stages_of(config)
-    thing = parse_object(arguments.object, arguments.joint)
+    thing = parse_object(arguments.object, arguments.joint, arguments.scale)
     target = wanted_state(arguments, wanted, thing.spec(arguments.seed))
     with json_output(arguments.json) as stream:
         folder = make_run_folder(arguments.out, f"{thing.label}-{arguments.seed}")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 import shlex
 from dataclasses import dataclass
@@ -11,6 +12,7 @@ from typing import TYPE_CHECKING
 from akm_fg.errors import InputError
 
 if TYPE_CHECKING:
+    from sim.objects.imported.imported_spec import ImportOptions
     from sim.objects.part_spec import PartSpec
 
 WHAT = (
@@ -26,6 +28,7 @@ class ObjectArgument:
     name: str  # as `sim.episode.open_world` takes it
     joint: str | None  # of a file or folder, the one that is free; None: there is no choice
     ours: bool  # one of ours, and not a user's file or folder
+    scale: float | None = None  # of a file or folder, what multiplies every length in it
 
     @property
     def title(self) -> str:
@@ -54,7 +57,15 @@ class ObjectArgument:
     def words(self) -> str:
         """The part of a command line that names it."""
         joint = "" if self.joint is None else f" --joint {shlex.quote(self.joint)}"
-        return f"--object {shlex.quote(self.name)}{joint}"
+        scale = "" if self.scale is None else f" --scale {self.scale:g}"
+        return f"--object {shlex.quote(self.name)}{joint}{scale}"
+
+    @property
+    def options(self) -> ImportOptions | None:
+        """What else is said of a file or folder."""
+        from sim.objects.imported.imported_spec import ImportOptions
+
+        return None if self.scale is None else ImportOptions(scale=self.scale)
 
     def spec(self, seed: int) -> PartSpec:
         """What the simulator knows of it.
@@ -64,10 +75,10 @@ class ObjectArgument:
         """
         from sim.objects.staging import find_spec
 
-        return find_spec(self.name, seed, self.joint)
+        return find_spec(self.name, seed, self.joint, self.options)
 
 
-def parse_object(text: str, joint: str | None = None) -> ObjectArgument:
+def parse_object(text: str, joint: str | None = None, scale: float | None = None) -> ObjectArgument:
     """The object that a person names.
 
     Raises:
@@ -78,7 +89,11 @@ def parse_object(text: str, joint: str | None = None) -> ObjectArgument:
     from sim.objects.suites.catalogue import ALL_SUITES
 
     if text in OBJECT_NAMES or text.partition("/")[0] in ALL_SUITES:
+        if scale is not None:
+            told = f"{text} has its size; --scale is for files and folders"
+            raise InputError("--scale", told, "a URDF file or a PartNet-Mobility folder")
         return ObjectArgument(text, joint, ours=True)
+    check_scale(scale)
     place = text.removeprefix(PREFIX).partition(JOINT_MARK)[0]
     try:
         found, is_file = Path(place).exists(), Path(place).is_file()
@@ -91,4 +106,10 @@ def parse_object(text: str, joint: str | None = None) -> ObjectArgument:
         raise InputError("--object", told, "a URDF: run `xacro FILE > object.urdf` first")
     if is_file and not place.lower().endswith(".urdf"):
         raise InputError("--object", f"{text!r} does not end in .urdf", WHAT)
-    return ObjectArgument(text, joint, ours=False)
+    return ObjectArgument(text, joint, ours=False, scale=scale)
+
+
+def check_scale(scale: float | None) -> None:
+    """Raises InputError for a scale that is none."""
+    if scale is not None and not 0.0 < scale < math.inf:
+        raise InputError("--scale", f"is {scale:g}", "a number above 0, such as 0.001")

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from akm_fg.cli.exit_codes import BAD_INPUT, DONE
+from akm_fg.cli.object_argument import check_scale
 from akm_fg.cli.output import json_output, write_line
 from akm_fg.errors import MissingDependency
 
@@ -43,6 +44,8 @@ class ObjectsArguments:
     """furniture-116, furniture-dev, household-60, household-dev or partnet."""
     folder: Path | None = None
     """Of partnet: FOLDER with FOLDER/ID/mobility.urdf, one such object, or any URDF file."""
+    scale: float | None = None
+    """Of partnet: what every length is multiplied by, such as 0.001 for millimetres."""
     json: str | None = None
     """Write the list as one JSON object to this file; - is standard output (no table then)."""
     seed: int = 0
@@ -58,9 +61,10 @@ def objects(arguments: ObjectsArguments) -> int:
         OutputError: the file cannot be written.
     """
     _require_simulator()
+    check_scale(arguments.scale)
     from sim.objects.listing import list_suite
 
-    listing = list_suite(arguments.suite, arguments.folder, arguments.seed)
+    listing = list_suite(arguments.suite, arguments.folder, arguments.seed, arguments.scale)
     with json_output(arguments.json) as stream:
         if stream is not None:
             write_line(stream, json_module.dumps(_as_dict(listing, arguments), allow_nan=False))

@@ -152,6 +152,7 @@ def _opened(request: RunRequest) -> AbstractContextManager[SimEpisode]:
         thing.name,
         request.seed,
         joint=thing.joint,
+        import_options=thing.options,
         world_config=sim.world,
         franka_config=sim.franka,
         camera_config=sim.camera,

@@ -33,13 +33,14 @@ class Listing:
     skipped: tuple[Skipped, ...] = ()
 
 
-def list_suite(name: str, folder: Path | None, seed: int) -> Listing:
+def list_suite(name: str, folder: Path | None, seed: int, scale: float | None = None) -> Listing:
     """The objects of a suite of furniture, or of a user's folder or URDF file.
 
     Args:
         name: of the suite; `partnet` for a user's files, `partnet:FOLDER` says where at once.
         folder: FOLDER with FOLDER/ID/mobility.urdf, one such object, or a URDF file.
         seed: of the meeting.
+        scale: of a user's files, what every length is multiplied by; None: see `ImportOptions`.
 
     Raises:
         InputError: no such suite, or a folder or file without any object.
@@ -52,19 +53,21 @@ def list_suite(name: str, folder: Path | None, seed: int) -> Listing:
             raise InputError(f"suite {name}", "not known", f"one of {known}")
         if folder is not None:
             raise InputError(f"--folder {folder}", f"not for {name}", f"--suite {PARTNET}")
+        if scale is not None:
+            raise InputError(f"--scale {scale:g}", f"not for {name}", f"--suite {PARTNET}")
         suite = find_suite(name)
         specs = tuple(suite.load(short, seed) for short in suite.names())
         return Listing(name, suite.split, specs)
     if folder is None:
         raise InputError(f"--suite {PARTNET}", "no folder is given", "--folder FOLDER")
     if folder.suffix.lower() == ".urdf" or (folder / URDF).is_file():
-        return _list_joints(folder, seed)
+        return _list_joints(folder, seed, scale)
     partnet = PartnetSuite(folder)
-    sound, skipped = partnet.sound(seed)
+    sound, skipped = partnet.sound(seed, ImportOptions(scale=scale))
     return Listing(partnet.name, partnet.split, tuple(sound), tuple(skipped))
 
 
-def _list_joints(place: Path, seed: int) -> Listing:
+def _list_joints(place: Path, seed: int, scale: float | None) -> Listing:
     """Each joint of one object that could be free."""
     alone = place.suffix.lower() == ".urdf"
     model = read_urdf(place if alone else place / URDF)
@@ -72,7 +75,7 @@ def _list_joints(place: Path, seed: int) -> Listing:
     specs = []
     for joint in joints:
         name = f"{'' if alone else PREFIX}{place}{JOINT_MARK}{joint}"
-        options = ImportOptions(joint=joint)
+        options = ImportOptions(joint=joint, scale=scale)
         if alone:
             specs.append(import_spec(name, place, seed, options))
         else:

@@ -92,13 +92,15 @@ class PartnetSuite:
             self.folder / identity, seed, with_joint(options, joint), f"{self.name}/{name}"
         )
 
-    def sound(self, seed: int) -> tuple[list[ImportedSpec], list[Skipped]]:
+    def sound(
+        self, seed: int, options: ImportOptions | None = None
+    ) -> tuple[list[ImportedSpec], list[Skipped]]:
         """What can be used, and what cannot; the suite goes on without the latter."""
         names, skipped = self._named()
         specs = []
         for name in names:
             try:
-                specs.append(self.load(name, seed))
+                specs.append(self.load(name, seed, options))
             except InputError as error:
                 skipped.append(Skipped(f"{self.name}/{name}", str(error)))
         return specs, skipped

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 pytest.importorskip("pybullet", reason="the simulator is not installed")
@@ -59,6 +60,17 @@ def test_a_plain_urdf_is_called_by_its_file(cabinet: Path):
     found = parse_object(str(file))
     assert (found.title, found.label) == ("my chest", "my-chest")
     assert found.words == f"--object '{file}'"
+
+
+def test_a_scale_is_kept_in_the_command_and_only_for_files(cabinet: Path, capfd):
+    urdf = cabinet / "mobility.urdf"
+    metres, less = parse_object(str(urdf)), parse_object(str(urdf), scale=0.5)
+    assert less.words == f"--object {urdf} --scale 0.5"
+    np.testing.assert_allclose(less.spec(0).size_m, 0.5 * metres.spec(0).size_m)
+    assert less.spec(0).upper == pytest.approx(0.5 * metres.spec(0).upper)
+    assert "--scale is for files and folders" in told(capfd, "--object", "door", "--scale", "2")
+    for scale in ("0", "-1", "nan", "inf"):
+        assert "--scale: is" in told(capfd, "--object", str(urdf), "--scale", scale)
 
 
 def told(capfd, *arguments: str) -> str:

@@ -69,6 +69,19 @@ def test_one_object_or_urdf_is_listed_by_its_joints(capfd, mobility_object, tmp_
         assert all(o["name"].endswith(f"{place}#{o['joint']}") for o in listed)
 
 
+def test_a_scale_makes_metres_of_millimetres(capfd, mobility_object, tmp_path, monkeypatch):
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+    urdf = mobility_object().write(tmp_path / "1") / "mobility.urdf"
+    sizes = []
+    for more in ([], ["--scale", "0.25"]):
+        arguments = ["objects", "--suite", "partnet", "--folder", str(urdf), "--json", "-", *more]
+        assert main(arguments) == 0
+        sizes.append(json.loads(capfd.readouterr().out)["objects"][0]["size_m"])
+    np.testing.assert_allclose(sizes[1], 0.25 * np.array(sizes[0]))
+    assert main(["objects", "--scale", "2"]) == 2
+    assert "not for furniture-dev" in capfd.readouterr().err
+
+
 @pytest.mark.parametrize(
     ("arguments", "told"),
     [
