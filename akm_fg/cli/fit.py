@@ -60,6 +60,9 @@ class FitArguments:
     """Of recordings, what follows points: flow, or another file of akm_fg/backends/trackers."""
     segmenter: str | None = None
     """Of recordings, what finds the object: depth, or another of akm_fg/backends/segmenters."""
+    sensor: Literal["d455", "l515", "kinect", "azure", "measured"] | None = None
+    """Of recordings, whose noise depth has: of a camera's data sheet, or as the first picture shows
+    it. If absent that of the configuration, a D455's; clearly more noise than that is noticed."""
     debug: bool = False
     """Show where in the program an input failed."""
 
@@ -191,7 +194,7 @@ def _command(arguments: FitArguments, path: Path) -> str:
     """That gives this input's posterior again."""
     words = ["akm-fg fit", shlex.quote(str(path)), f"--seed {arguments.seed}"]
     words += ["--grasp"] * arguments.grasp
-    for flag in ("frames", "quaternion", "unit", "config", "tracker", "segmenter"):
+    for flag in ("frames", "quaternion", "unit", "config", "tracker", "segmenter", "sensor"):
         given = getattr(arguments, flag)
         words += [] if given is None else [f"--{flag} {shlex.quote(str(given))}"]
     return " ".join(words)
@@ -218,6 +221,10 @@ def _config(arguments: FitArguments) -> AkmConfig:
     from akm_fg.estimation.config import GraspConfig
 
     config = chosen_config(AkmConfig(), arguments.config, arguments.tracker, arguments.segmenter)
+    if arguments.sensor is not None:
+        from akm_fg.perception.sensors import with_sensor
+
+        config = replace(config, perception=with_sensor(config.perception, arguments.sensor))
     if arguments.grasp and config.fit.grasp is None:
         config = replace(config, fit=replace(config.fit, grasp=GraspConfig()))
     return config

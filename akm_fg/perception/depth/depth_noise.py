@@ -24,18 +24,23 @@ class DepthNoiseModel:
         0.0005  # quantisation and calibration; never claim better than half a millimetre
     )
     correlation_px: float = 5.0  # width of the matching window: inside it errors are shared
+    depth_focal_px: float | None = None  # of the depth camera; None: that of the picture
 
     def __post_init__(self) -> None:
         values = (self.baseline_m, self.disparity_sigma_px, self.floor_m, self.correlation_px)
         if not all(np.isfinite(v) and v > 0 for v in values):
             raise ValueError(f"depth noise {values}: every value must be finite and above 0")
+        focal = self.depth_focal_px
+        if focal is not None and not (np.isfinite(focal) and focal > 0):
+            raise ValueError(f"depth_focal_px {focal}: must be finite and above 0")
 
     def sigma_m(self, depth_m: FloatArray, fx: float) -> FloatArray:
-        """Standard deviation of single readings, metres, for a focal length in pixels.
+        """Standard deviation of single readings, metres, for the picture's focal length in pixels.
 
         NaN depth gives NaN.
         """
-        stereo = self.disparity_sigma_px * np.square(depth_m) / (fx * self.baseline_m)
+        focal_px = self.depth_focal_px or fx
+        stereo = self.disparity_sigma_px * np.square(depth_m) / (focal_px * self.baseline_m)
         return np.asarray(np.hypot(stereo, self.floor_m), dtype=np.float64)
 
     def independent_samples(self, width_px: int) -> float:

@@ -27,6 +27,7 @@ class MeasuredNoiseConfig:
     least_pixels: int = 500
     trusted: float = 1.7  # times the model's: within, the model stands
     largest: float = 20.0  # times: beyond, it is no noise that is measured
+    least: float = 0.5  # times: waves wider than a window are errors too, and are not measured
 
 
 def measured_noise(
@@ -43,7 +44,7 @@ def measured_noise(
     found = noise_scale(frame, model, config)
     if not found > config.trusted:  # NaN: too little depth
         return model
-    scale = min(found, config.largest)
+    scale = min(max(found, config.least), config.largest)
     return replace(model, disparity_sigma_px=scale * model.disparity_sigma_px)
 
 
