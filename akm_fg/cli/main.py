@@ -55,6 +55,7 @@ def _run(argv: list[str]) -> int:
     from akm_fg.cli.explore import ExploreArguments, explore
     from akm_fg.cli.fit import FitArguments, fit
     from akm_fg.cli.models.export import ExportArguments, export
+    from akm_fg.cli.looking.score import ScoreArguments, score
     from akm_fg.cli.objects import ObjectsArguments, objects
     from akm_fg.cli.recordings.convert import ConvertArguments, convert
     from akm_fg.errors import InputError
@@ -65,6 +66,7 @@ def _run(argv: list[str]) -> int:
             "demo": DemoArguments,
             "explore": ExploreArguments,
             "fit": FitArguments,
+            "score": ScoreArguments,
             "objects": ObjectsArguments,
             "convert": ConvertArguments,
             "calibrate": CalibrateArguments,
@@ -86,6 +88,8 @@ def _run(argv: list[str]) -> int:
             return explore(arguments)
         case FitArguments():
             return fit(arguments)
+        case ScoreArguments():
+            return score(arguments)
         case ObjectsArguments():
             return objects(arguments)
         case ConvertArguments():

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import os
 from pathlib import Path
-from typing import Any, cast
+from typing import Any
 
 import gtsam
 import numpy as np
@@ -19,23 +19,20 @@ from akm_fg.io.conventions import InputConventions
 from akm_fg.io.json_fields import Fields, load_json_object
 from akm_fg.io.png import read_depth_raw, read_mask, read_rgb
 from akm_fg.io.recording_depth import depth_from_raw
+from akm_fg.io.truth_reader import truth_from_fields
 from akm_fg.records import (
     BoolArray,
     CalibrationErrors,
     FloatArray,
     JointTruth,
-    KindName,
     PinholeCamera,
     Recording,
     RgbdFrame,
 )
-from factors.joint import JointKind
 
 SCHEMA = "akm-fg/recording/1"
-KINDS = ("rigid", *map(str, JointKind))
 BYTES_A_PIXEL = 8  # in memory: 3 of colour, 4 of depth, 1 of the mask
 CALIBRATION_SDS = ("focal_sd", "depth_scale_sd", "depth_bias_sd_m")  # of `calibration`
-UNIT_TOLERANCE = 1e-3  # of an axis' length: more is not rounding
 
 
 def frame_file(folder: Path, channel: str, index: int) -> Path:
@@ -211,15 +208,6 @@ def check_memory(folder: Path, camera: PinholeCamera, frames: int) -> None:
         raise InputError(folder, problem, expected)
 
 
-def _direction(truth: Fields) -> FloatArray:
-    expected = "a vector of length 1 in the world frame"
-    axis = truth.array("axis", (3,), expected)
-    length = float(np.linalg.norm(axis))
-    if abs(length - 1) > UNIT_TOLERANCE:
-        raise truth.error("axis", f"has length {length:.3g}", expected)
-    return axis / length if abs(length - 1) > 1e-12 else axis
-
-
 def read_truth(folder: Path) -> JointTruth | None:
     """Read the true joint of a recording, for scoring; None where it is not known.
 
@@ -233,19 +221,7 @@ def read_truth(folder: Path) -> JointTruth | None:
         return None
     n = len(_stamps(fields, min_frames=0))
     truth = fields.table("truth", "an object with kind, axis, pivot, states, or null")
-    expected = "one of " + ", ".join(KINDS)
-    kind = truth.text("kind", expected)
-    if kind not in KINDS:
-        raise truth.error("kind", f"is {kind!r}"[:60], expected)
-    rigid = kind == "rigid"
-    axis = np.full(3, np.nan) if rigid and not truth.has("axis") else _direction(truth)
-    pivot = None
-    if truth.has("pivot"):
-        pivot = truth.array("pivot", (3,), "a point in the world frame, metres, or null")
-    elif not rigid and JointKind(kind).turns:
-        raise truth.error("pivot", "is missing", "a point of the axis in the world frame, metres")
-    states = truth.array("states", (n,), f"{n} joint states, one for each of `stamps_s`")
-    return JointTruth(cast(KindName, kind), axis, pivot, states)
+    return truth_from_fields(truth, n)
 
 
 def truth_as_json(truth: JointTruth) -> dict[str, Any]:

@@ -12,6 +12,7 @@ from akm_fg.posterior import (
     StatePosterior,
     normal_bound,
 )
+from akm_fg.records import JointTruth
 from akm_fg.report.score import Score, coverage, score
 from akm_fg.report.summary import Goal, RunSummary
 from akm_fg.report.wording import NONE, chosen, per_cent, signed, size, state, vector
@@ -33,16 +34,31 @@ def score_rows(summary: RunSummary) -> tuple[Row, ...]:
     posterior = summary.posterior
     if posterior is None:
         return ()
-    truth = summary.truth
-    found = None if truth is None else score(posterior, truth, summary.states)
-    rows = [_kind_row(posterior, summary, found)]
-    joint = posterior.best.joint
-    if joint is not None:
-        rows += [_axis_row(joint, found), _pivot_row(joint, found)]
-    states = summary.frame_states
+    rows = estimate_rows(posterior, summary.truth, summary.states)
+    return (*rows, *_final_rows(summary))
+
+
+def estimate_rows(
+    posterior: ArticulationPosterior,
+    truth: JointTruth | None,
+    states: StatePosterior | None = None,
+) -> tuple[Row, ...]:
+    """What was estimated, against the truth where that is known.
+
+    Args:
+        posterior: the estimate.
+        truth: in the same world frame.
+        states: shown in place of the posterior's own, same zero and axis.
+    """
+    found = None if truth is None else score(posterior, truth, states)
+    rows = [_kind_row(posterior, truth, found)]
+    best = posterior.best
+    if best.joint is not None:
+        rows += [_axis_row(best.joint, found), _pivot_row(best.joint, found)]
+    states = states or best.states
     if states is not None:
         rows += _state_rows(states, found)
-    return (*rows, *_final_rows(summary))
+    return tuple(rows)
 
 
 def kind_words(posterior: ArticulationPosterior) -> str:
@@ -57,14 +73,16 @@ def most_probable(posterior: ArticulationPosterior) -> str:
     return max(posterior.kind_probability, key=posterior.kind_probability.__getitem__)
 
 
-def _kind_row(posterior: ArticulationPosterior, summary: RunSummary, found: Score | None) -> Row:
+def _kind_row(
+    posterior: ArticulationPosterior, truth: JointTruth | None, found: Score | None
+) -> Row:
     bound = "probability " + per_cent(posterior.kind_probability[most_probable(posterior)])
-    if summary.truth is None or found is None:
+    if truth is None or found is None:
         return Row("joint kind", kind_words(posterior), bound)
     if found.kind_correct:
         return Row("joint kind", kind_words(posterior), bound, "right", True)
     verb = "undecided" if posterior.kind == "undecided" else "wrong"
-    error = f"{verb}: truly {summary.truth.kind}"
+    error = f"{verb}: truly {truth.kind}"
     return Row("joint kind", kind_words(posterior), bound, error, False)
 
 

@@ -9,7 +9,7 @@ from rich.table import Table
 from rich.text import Text
 
 from akm_fg.posterior import ArticulationPosterior, normal_bound
-from akm_fg.report.rows import most_probable, score_rows
+from akm_fg.report.rows import Row, most_probable, score_rows
 from akm_fg.report.summary import RunSummary
 from akm_fg.report.wording import NONE, ascii_text, per_cent, printable, size, state, vector
 
@@ -88,13 +88,22 @@ def _notes(posterior: ArticulationPosterior) -> str:
 
 def score_table(summary: RunSummary) -> Table:
     """The run's quantities: estimate, 95 % bound, true error; green inside, red outside."""
-    table = Table(title=Text(summary.title), title_justify="left")
+    return rows_table(summary.title, score_rows(summary))
+
+
+def rows_table(title: str, rows: Sequence[Row], plain: bool = False) -> Table:
+    """Quantities as rows; `plain` in ASCII alone."""
+
+    def text(words: str, style: str = "") -> Text:
+        return Text(ascii_text(words) if plain else words, style=style)
+
+    table = Table(title=text(title), title_justify="left")
     table.add_column("quantity")
     table.add_column("estimate", justify="right")
     table.add_column("95 % bound", justify="right")
     table.add_column("true error", justify="right")
     colours = {True: "green", False: "red", None: ""}
-    for row in score_rows(summary):
-        error = Text(row.error, style=colours[row.good])
-        table.add_row(Text(row.quantity), Text(row.estimate), Text(row.bound), error)
+    for row in rows:
+        error = text(row.error, colours[row.good])
+        table.add_row(text(row.quantity), text(row.estimate), text(row.bound), error)
     return table

@@ -1,0 +1,1 @@
+"""Commands that look at a recording before a fit, and at an answer after it."""
