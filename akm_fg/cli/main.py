@@ -55,6 +55,7 @@ def _run(argv: list[str]) -> int:
     from akm_fg.cli.explore import ExploreArguments, explore
     from akm_fg.cli.fit import FitArguments, fit
     from akm_fg.cli.models.export import ExportArguments, export
+    from akm_fg.cli.looking.check import CheckArguments, check
     from akm_fg.cli.looking.score import ScoreArguments, score
     from akm_fg.cli.objects import ObjectsArguments, objects
     from akm_fg.cli.recordings.convert import ConvertArguments, convert
@@ -66,6 +67,7 @@ def _run(argv: list[str]) -> int:
             "demo": DemoArguments,
             "explore": ExploreArguments,
             "fit": FitArguments,
+            "check": CheckArguments,
             "score": ScoreArguments,
             "objects": ObjectsArguments,
             "convert": ConvertArguments,
@@ -88,6 +90,8 @@ def _run(argv: list[str]) -> int:
             return explore(arguments)
         case FitArguments():
             return fit(arguments)
+        case CheckArguments():
+            return check(arguments)
         case ScoreArguments():
             return score(arguments)
         case ObjectsArguments():

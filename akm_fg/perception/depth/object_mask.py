@@ -41,6 +41,15 @@ class DepthSegmenterConfig:
 
 
 @dataclass(frozen=True, slots=True)
+class Floor:
+    """The largest plane that faces the picture's upper edge, with nothing below it."""
+
+    up_cam: FloatArray  # (3,) unit, away from it, camera axes
+    height_m: float  # of the camera above it
+    mask: BoolArray  # (H, W) pixels on it
+
+
+@dataclass(frozen=True, slots=True)
 class _Plane:
     """Points with normal . p_cam = offset; the normal points to the camera's side."""
 
@@ -73,15 +82,10 @@ class DepthObjectSegmenter:
         Raises:
             TracksLost: no depth, or nothing but floor and wall.
         """
-        config, camera = self.config, frame.camera
-        v, u = np.mgrid[: camera.height, : camera.width].astype(np.float64)
-        depth = frame.depth_m.astype(np.float64)
-        p_cam = camera.back_project(np.stack([u, v], axis=-1), depth)
-        near_m = config.near_m + config.near_sigmas * self.noise.sigma_m(depth, camera.fx)
-        left = np.isfinite(depth)
-        step = slice(None, None, config.stride_px)
-        sample = left[step, step]
-        points, near = p_cam[step, step][sample], near_m[step, step][sample]
+        config = self.config
+        p_cam, near_m = self._points(frame)
+        left = np.isfinite(p_cam[..., 2])
+        points, near = self._sample(p_cam, near_m)
         if len(points) < 3:
             raise TracksLost("no object found: the depth image is empty")
         for plane in _background(points, near, config):
@@ -90,6 +94,36 @@ class DepthObjectSegmenter:
         if mask.mean() < config.min_area:
             raise TracksLost("no object found: nothing stands out from floor and wall")
         return mask
+
+    def floor(self, frame: RgbdFrame) -> Floor | None:
+        """What may be a floor in the picture, or a table; None where there is none."""
+        config = self.config
+        p_cam, near_m = self._points(frame)
+        points, near = self._sample(p_cam, near_m)
+        if len(points) < 3:
+            return None
+        rng, rest = np.random.default_rng(config.seed), np.ones(len(points), dtype=bool)
+        planes = _large_planes(points, near, rest, True, rng, config)
+        for plane in planes:
+            if _is_behind_everything(plane, points, near, config):
+                on = np.asarray(np.abs(plane.height(p_cam)) < near_m)  # NaN: False
+                return Floor(plane.normal, plane.distance_m, on)
+        return None
+
+    def _points(self, frame: RgbdFrame) -> tuple[FloatArray, FloatArray]:
+        """(H, W, 3) in the camera's axes, and how near to a plane each must be to be on it."""
+        config, camera = self.config, frame.camera
+        v, u = np.mgrid[: camera.height, : camera.width].astype(np.float64)
+        depth = frame.depth_m.astype(np.float64)
+        p_cam = camera.back_project(np.stack([u, v], axis=-1), depth)
+        near_m = config.near_m + config.near_sigmas * self.noise.sigma_m(depth, camera.fx)
+        return p_cam, near_m
+
+    def _sample(self, p_cam: FloatArray, near_m: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Points (N, 3) of every few pixels that have depth."""
+        step = slice(None, None, self.config.stride_px)
+        sample = np.isfinite(p_cam[step, step, 2])
+        return p_cam[step, step][sample], near_m[step, step][sample]
 
 
 def _background(points: FloatArray, near: FloatArray, config: DepthSegmenterConfig) -> list[_Plane]:
