@@ -19,7 +19,7 @@ from akm_fg.io.conventions import InputConventions
 from akm_fg.io.json_fields import Fields, load_json_object
 from akm_fg.io.png import read_depth_raw, read_mask, read_rgb
 from akm_fg.io.recording_depth import depth_from_raw
-from akm_fg.io.truth_reader import truth_from_fields
+from akm_fg.io.scoring.truths import truth_from_fields
 from akm_fg.records import (
     BoolArray,
     CalibrationErrors,

@@ -49,7 +49,7 @@ def score(arguments: ScoreArguments) -> int:
         InputError: an answer or a truth that cannot be read, or that has no partner.
         OutputError: the file cannot be written.
     """
-    from akm_fg.io.answers import read_answers
+    from akm_fg.io.scoring.answers import read_answers
 
     answers = read_answers(arguments.answer)
     truths = _truths(arguments, answers)
@@ -85,7 +85,7 @@ def _truths(
 
 def _truth(place: Path) -> JointTruth:
     from akm_fg.io.recording import read_truth
-    from akm_fg.io.truth_reader import read_truth_file
+    from akm_fg.io.scoring.truths import read_truth_file
 
     if place.is_dir():
         found = read_truth(place)
