@@ -8,6 +8,7 @@ import os
 import sys
 import warnings
 from collections.abc import Sequence
+from importlib import import_module
 
 from akm_fg import __version__
 from akm_fg.cli.exit_codes import BAD_INPUT, DONE, INTERRUPTED, READER_LEFT
@@ -49,32 +50,13 @@ def _run(argv: list[str]) -> int:
         return DONE
     import tyro
 
-    from akm_fg.cli.calibrate import CalibrateArguments, calibrate
-    from akm_fg.cli.demo import DemoArguments, demo
-    from akm_fg.cli.doctor import DoctorArguments, doctor
-    from akm_fg.cli.explore import ExploreArguments, explore
-    from akm_fg.cli.fit import FitArguments, fit
-    from akm_fg.cli.models.export import ExportArguments, export
-    from akm_fg.cli.looking.check import CheckArguments, check
-    from akm_fg.cli.looking.score import ScoreArguments, score
-    from akm_fg.cli.objects import ObjectsArguments, objects
-    from akm_fg.cli.recordings.convert import ConvertArguments, convert
     from akm_fg.errors import InputError
 
     _set_up_log()
+    modules = {name: import_module(f"akm_fg.cli.{place}") for name, place in _COMMANDS.items()}
+    taken_by = {getattr(modules[name], f"{name.title()}Arguments"): name for name in modules}
     arguments = tyro.extras.subcommand_cli_from_dict(
-        {
-            "demo": DemoArguments,
-            "explore": ExploreArguments,
-            "fit": FitArguments,
-            "check": CheckArguments,
-            "score": ScoreArguments,
-            "objects": ObjectsArguments,
-            "convert": ConvertArguments,
-            "calibrate": CalibrateArguments,
-            "export": ExportArguments,
-            "doctor": DoctorArguments,
-        },
+        {name: kind for kind, name in taken_by.items()},
         prog="akm-fg",
         description=_DESCRIPTION,
         args=argv,
@@ -83,27 +65,9 @@ def _run(argv: list[str]) -> int:
     seed = getattr(arguments, "seed", 0)
     if seed < 0:
         raise InputError("--seed", f"is {seed}", "a whole number from 0 on")
-    match arguments:
-        case DemoArguments():
-            return demo(arguments)
-        case ExploreArguments():
-            return explore(arguments)
-        case FitArguments():
-            return fit(arguments)
-        case CheckArguments():
-            return check(arguments)
-        case ScoreArguments():
-            return score(arguments)
-        case ObjectsArguments():
-            return objects(arguments)
-        case ConvertArguments():
-            return convert(arguments)
-        case CalibrateArguments():
-            return calibrate(arguments)
-        case ExportArguments():
-            return export(arguments)
-        case _:
-            return doctor(arguments)
+    name = taken_by[type(arguments)]
+    code: int = getattr(modules[name], name)(arguments)
+    return code
 
 
 def _set_up_log() -> None:
@@ -120,6 +84,19 @@ def _set_up_log() -> None:
         warnings.simplefilter("ignore", RuntimeWarning)
 
 
+# Command -> its module in `akm_fg.cli`, with a function of its name and `NameArguments`.
+_COMMANDS = {
+    "demo": "demo",
+    "explore": "explore",
+    "fit": "fit",
+    "check": "looking.check",
+    "score": "looking.score",
+    "objects": "objects",
+    "convert": "recordings.convert",
+    "calibrate": "calibrate",
+    "export": "models.export",
+    "doctor": "doctor",
+}
 _WRITE_ERRORS = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO, errno.EBADF)
 _DESCRIPTION = """Joints of unseen articulated objects from RGB-D, with honest covariances.
 

@@ -28,8 +28,8 @@ class AntipodalConfig:
     weights: QualityWeights = field(default_factory=QualityWeights)
     turns: int = 12  # of the fingers' opening about the approach, over half a turn
     along_m: tuple[float, ...] = (0.0, -0.008, 0.008)  # from the contact, along the gripper's x
-    # Of the approach, about the gripper's x (round a bar) and y (along it: both pads stay on it, and
-    # low handles near the robot's base are reached from above alone).
+    # Of the approach, about the gripper's x (round a bar) and y (along it: both pads stay on it,
+    # and low handles near the robot's base are reached from above alone).
     tilts_rad: tuple[tuple[float, float], ...] = (
         (0.0, 0.0),
         (0.35, 0.0),

@@ -151,9 +151,7 @@ class Relocalizer:
 
     def _nothing(self, frame: RgbdFrame, reason: str) -> StateBelief:
         mode: Mode = "searching" if self._lost_because is None else "lost"
-        return StateBelief(
-            frame.stamp_s, mode, None, None, None, 0.0, False, None, reason=reason
-        )
+        return StateBelief(frame.stamp_s, mode, None, None, None, 0.0, False, None, reason=reason)
 
     def _hypotheses(self, frame: RgbdFrame) -> Hypotheses:
         """Peaks of the grid, refined, those that end in one place taken together."""
