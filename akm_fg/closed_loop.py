@@ -23,10 +23,9 @@ from scipy.special import ndtr
 from akm_fg.errors import GraspFailed, InsufficientData, MotionInfeasible, TracksLost
 from akm_fg.interfaces import Arm, Camera
 from akm_fg.io.recording_depth import as_stored
-from akm_fg.looks import Look
 from akm_fg.planning.opening_path import HandLimits, plan_opening
 from akm_fg.posterior import JointPosterior
-from akm_fg.records import FloatArray, Recording, RgbdFrame, RoundSummary
+from akm_fg.records import FloatArray, Look, Recording, RgbdFrame, RoundSummary
 from akm_fg.stages import RecordingFit
 from akm_fg.stream.frame_stream import FrameStream, FrameUpdate
 from akm_fg.stream.seen_so_far import Hand

@@ -76,6 +76,15 @@ class RgbdFrame:
 
 
 @dataclass(frozen=True, slots=True)
+class Look:
+    """One moment as a robot knows it: a frame, and where its gripper was."""
+
+    frame: RgbdFrame
+    T_world_gripper: gtsam.Pose3
+    holding: bool  # something was between the closed fingers
+
+
+@dataclass(frozen=True, slots=True)
 class CalibrationErrors:
     """What is not known of a camera: Gaussian errors, the same in all frames of a recording.
 

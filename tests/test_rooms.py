@@ -86,7 +86,7 @@ INNER = {
 ONLY_IN = {
     "pybullet": ("sim/",),
     "pybullet_data": ("sim/",),
-    "filterpy": (),  # nobody yet
+    "filterpy": ("akm_fg/relocalization/bayes_filters.py",),
     "torch": ("akm_fg/backends/", "experiments/baselines/"),
     "ripl_articulation": ("experiments/peers/ripl_runner.py",),
 }

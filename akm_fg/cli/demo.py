@@ -193,7 +193,7 @@ def make_run_folder(out: Path, name: str) -> Path:
 
 
 def _write(folder: Path, summary: RunSummary, config: DemoConfig) -> None:
-    from akm_fg.io.posterior_json import posterior_as_line
+    from akm_fg.io.posteriors.posterior_json import posterior_as_line
     from akm_fg.report.write import write_report
 
     if summary.posterior is not None:
@@ -222,7 +222,7 @@ def _print(summary: RunSummary, folder: Path) -> None:
 
 def _as_dict(name: str, summary: RunSummary) -> dict[str, Any]:
     """The run as JSON (`akm-fg/run/1`, docs/conventions.md)."""
-    from akm_fg.io.posterior_json import posterior_as_dict
+    from akm_fg.io.posteriors.posterior_json import posterior_as_dict
 
     last = summary.rounds[-1] if summary.rounds else None
     truth, posterior = summary.truth, summary.posterior

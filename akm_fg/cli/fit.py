@@ -231,7 +231,7 @@ def _config(arguments: FitArguments) -> AkmConfig:
 
 
 def _line(posterior: ArticulationPosterior) -> str:
-    from akm_fg.io.posterior_json import posterior_as_line
+    from akm_fg.io.posteriors.posterior_json import posterior_as_line
 
     return posterior_as_line(posterior)
 

@@ -87,7 +87,7 @@ def _set_up_log() -> None:
 # Command -> its module in `akm_fg.cli`, with a function of its name and `NameArguments`.
 _COMMANDS = {
     "demo": "demo",
-    "explore": "explore",
+    "explore": "exploring.explore",
     "fit": "fit",
     "check": "looking.check",
     "score": "looking.score",

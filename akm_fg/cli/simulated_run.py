@@ -18,8 +18,7 @@ from akm_fg.closed_loop import Episode, Observer, Task, run_episode
 from akm_fg.config import AkmConfig
 from akm_fg.errors import GraspFailed
 from akm_fg.io.recording_writer import RecordingWriter
-from akm_fg.looks import Look
-from akm_fg.records import JointTruth
+from akm_fg.records import JointTruth, Look
 from akm_fg.report.summary import ArmRecord, Goal, PartTracks, RunSummary
 from akm_fg.stages import Stages
 from akm_fg.stream.frame_stream import FrameStream

@@ -22,9 +22,8 @@ from akm_fg.exploration.records import Attempt, Bounds, Contact, Stretch
 from akm_fg.exploration.stopping import by_threshold, enough, moved_enough
 from akm_fg.interfaces import Arm, Camera
 from akm_fg.io.recording_depth import as_stored
-from akm_fg.looks import Look
 from akm_fg.posterior import JointPosterior
-from akm_fg.records import FloatArray, RgbdFrame
+from akm_fg.records import FloatArray, Look, RgbdFrame
 from akm_fg.stages import RecordingFit
 from akm_fg.stream.seen_so_far import Hand
 

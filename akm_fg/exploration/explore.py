@@ -66,8 +66,8 @@ def explore(
     """
     config = explorer.config
     frame = look_clear(arm, camera, exploration)
-    if exploration.first_look is None:
-        exploration.first_look = frame
+    exploration.first_look = exploration.first_look or frame
+    if not exploration.contacts:
         observer.stage("looking for places to take hold")
         with _Took(exploration, "contacts"):
             exploration.contacts = tuple(explorer.contacts(frame))

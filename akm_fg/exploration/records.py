@@ -7,13 +7,13 @@ from typing import Literal
 
 import gtsam
 
-from akm_fg.looks import Look
-from akm_fg.records import FloatArray, RgbdFrame
+from akm_fg.records import FloatArray, Look, RgbdFrame
 from akm_fg.stages import RecordingFit
 
 Outcome = Literal["opened", "rigid", "grasp_lost", "refused", "stopped"]
 Way = Literal["outward", "left", "right", "upward"]
 What = Literal["protrusion", "edge", "recess", "plain"]
+INTERRUPTED = "interrupted"  # reason of an attempt that has no other yet
 StopReason = Literal["posterior", "threshold", "attempts"]
 
 
@@ -71,7 +71,7 @@ class Attempt:
     contact: Contact
     probability: float  # that it opens, as believed before
     outcome: Outcome = "stopped"
-    reason: str = "interrupted"
+    reason: str = INTERRUPTED
     pulled: bool = False  # a refusal costs no pull
     stretches: list[Stretch] = field(default_factory=list)
     T_world_grasp: gtsam.Pose3 | None = None  # as it took hold, at the first state

@@ -60,7 +60,7 @@ def enough(stretches: Sequence[Stretch], turns: bool, config: StopConfig) -> str
         return None
     if likely < config.need.kind_probability:
         return None
-    if met(last.bounds, config.need):
+    if last.kind != "undecided" and met(last.bounds, config.need):
         return "the joint is known as well as the task needs"
     if last.expected_next is not None and not worth(last.bounds, last.expected_next, config.worth):
         return "a further stretch is not expected to tell more"

@@ -10,7 +10,7 @@ import numpy as np
 from akm_fg.errors import InputError
 from akm_fg.io.arrays.npz import load_arrays
 from akm_fg.io.json_fields import Fields, load_json_object
-from akm_fg.io.posterior_reader import posterior_from_fields
+from akm_fg.io.posteriors.posterior_reader import posterior_from_fields
 from akm_fg.model.records import Contact, ModelPart, ObjectModel, StateLimits, Surface
 from akm_fg.records import PinholeCamera
 

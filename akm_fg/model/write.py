@@ -17,7 +17,7 @@ import numpy as np
 
 from akm_fg.errors import OutputError
 from akm_fg.io.png import replace_file
-from akm_fg.io.posterior_json import posterior_as_dict
+from akm_fg.io.posteriors.posterior_json import posterior_as_dict
 from akm_fg.model.read import FILE, SCHEMA
 from akm_fg.model.records import Contact, ModelPart, ObjectModel, Surface
 

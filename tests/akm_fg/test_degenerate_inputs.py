@@ -9,7 +9,7 @@ import pytest
 
 from akm_fg.errors import AkmError
 from akm_fg.estimation.fit import fit_poses, fit_tracks
-from akm_fg.io.posterior_json import posterior_as_dict
+from akm_fg.io.posteriors.posterior_json import posterior_as_dict
 from akm_fg.pipeline import fit_input, fit_recording
 from akm_fg.posterior import ArticulationPosterior
 from akm_fg.records import PinholeCamera, PointTracks, PoseTrack, Recording

@@ -11,7 +11,7 @@ from numpy.testing import assert_allclose
 
 from akm_fg.calibrated import calibrated
 from akm_fg.errors import AxisUnobservable, NoMotionObserved, TracksLost
-from akm_fg.io.posterior_json import posterior_as_dict
+from akm_fg.io.posteriors.posterior_json import posterior_as_dict
 from akm_fg.perception.config import PerceptionConfig
 from akm_fg.perception.observe import observe_motion
 from akm_fg.pipeline import fit_input, fit_recording

@@ -13,7 +13,7 @@ import akm_fg
 from akm_fg.cli.main import main
 from akm_fg.config import AkmConfig
 from akm_fg.errors import InputError
-from akm_fg.io.posterior_json import posterior_as_dict
+from akm_fg.io.posteriors.posterior_json import posterior_as_dict
 
 
 @pytest.fixture

@@ -16,7 +16,7 @@ from akm_fg.config import AkmConfig
 from akm_fg.errors import InsufficientData, OutputError
 from akm_fg.io.inputs import FitInput
 from akm_fg.io.png import replace_file
-from akm_fg.io.posterior_json import posterior_as_line
+from akm_fg.io.posteriors.posterior_json import posterior_as_line
 from akm_fg.io.tracks import TracksInput
 from akm_fg.model.build import FittedRecording, build_model
 from akm_fg.model.write import set_aside, write_model

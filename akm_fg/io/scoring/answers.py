@@ -7,8 +7,8 @@ from pathlib import Path
 
 from akm_fg.errors import InputError
 from akm_fg.io.json_fields import MAX_BYTES, Fields
-from akm_fg.io.posterior_json import SCHEMA
-from akm_fg.io.posterior_reader import posterior_from_fields
+from akm_fg.io.posteriors.posterior_json import SCHEMA
+from akm_fg.io.posteriors.posterior_reader import posterior_from_fields
 from akm_fg.posterior import ArticulationPosterior
 
 POSTERIOR_FILE = "posterior.json"  # in the folder of a run or a fit

@@ -13,7 +13,7 @@ from akm_fg.estimation.config import FitConfig
 from akm_fg.estimation.fit import fit_tracks
 from akm_fg.estimation.given.problem import problem_of_tracks
 from akm_fg.estimation.one_kind.kind_fit import fit_kind
-from akm_fg.io.posterior_json import posterior_as_dict
+from akm_fg.io.posteriors.posterior_json import posterior_as_dict
 from akm_fg.records import PointTracks
 
 SIGMA_M = 0.003

@@ -16,7 +16,7 @@ from akm_fg.estimation.one_kind.kind_fit import fit_rigid
 from akm_fg.estimation.sources.gripper import GRIPPER, GripperPoses, GripperSource, Hold, holds_of
 from akm_fg.estimation.sources.source import Part
 from akm_fg.geometry.joint_guess import JointGuess, still
-from akm_fg.io.posterior_json import posterior_as_dict
+from akm_fg.io.posteriors.posterior_json import posterior_as_dict
 from akm_fg.records import PointTracks
 from factors.joint import Joint
 from factors.student_t import log_normaliser

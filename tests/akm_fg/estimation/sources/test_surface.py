@@ -24,7 +24,7 @@ from akm_fg.estimation.sources.source import FirstFit
 from akm_fg.estimation.sources.surface import SURFACE
 from akm_fg.estimation.sources.tracks import TRACKS
 from akm_fg.geometry.joint_guess import JointGuess
-from akm_fg.io.posterior_json import posterior_as_line
+from akm_fg.io.posteriors.posterior_json import posterior_as_line
 from akm_fg.records import PointTracks
 from akm_fg.steps import to_end
 from factors.joint import Joint

@@ -13,7 +13,7 @@ from akm_fg.exploration.perceive import Analogy, Perceiver
 from akm_fg.perception.depth.object_mask import DepthObjectSegmenter
 from akm_fg.stages import Stages
 
-SHIPPED = Path(__file__).parents[1] / "exploration" / "analogy" / "data"
+SHIPPED = Path(__file__).parents[2] / "exploration" / "analogy" / "data"
 
 
 def perceiver_of(

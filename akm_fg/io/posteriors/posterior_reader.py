@@ -12,7 +12,7 @@ from typing import Any, cast
 import numpy as np
 
 from akm_fg.io.json_fields import Fields
-from akm_fg.io.posterior_json import SCHEMA
+from akm_fg.io.posteriors.posterior_json import SCHEMA
 from akm_fg.posterior import (
     ArticulationPosterior,
     Evidence,

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     import tyro
 
     from akm_fg.cli.demo_config import DemoConfig
-    from akm_fg.cli.simulated_exploration import Explored, ExploreRequest
+    from akm_fg.cli.exploring.simulated import Explored, ExploreRequest
     from akm_fg.exploration.config import ExploreConfig
 
     Positional = tyro.conf.Positional
@@ -88,13 +88,13 @@ def explore(arguments: ExploreArguments, config: DemoConfig | None = None) -> in
     require_simulator("exploring")
     if arguments.max_attempts < 1:
         raise InputError("--max-attempts", f"is {arguments.max_attempts}", "1 or more")
-    from akm_fg.cli.simulated_exploration import explore_in_simulator
+    from akm_fg.cli.exploring.simulated import explore_in_simulator, write_result
 
     request = explore_request(arguments, config)
     with json_output(arguments.json) as stream:
         explored = explore_in_simulator(request)
         result = _result(request, explored, time.perf_counter() - began)
-        explored.write(result)
+        write_result(request.folder, result)
         if stream is not None:
             write_line(stream, json_module.dumps(result, allow_nan=False))
     if arguments.json != "-":
@@ -111,7 +111,7 @@ def explore_request(
     from akm_fg.backends.registry import stages_of
     from akm_fg.cli.config_argument import chosen_config, write_tree
     from akm_fg.cli.demo_config import DemoConfig
-    from akm_fg.cli.simulated_exploration import CONFIG, ExploreRequest, read_request
+    from akm_fg.cli.exploring.simulated import CONFIG, ExploreRequest, read_request
 
     config = chosen_config(
         config or DemoConfig(), arguments.config, arguments.tracker, arguments.segmenter

@@ -1,0 +1,1 @@
+"""`akm-fg explore` and its parts."""

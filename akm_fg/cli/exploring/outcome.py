@@ -1,0 +1,102 @@
+"""What an exploration leaves in its folder: the report, and the object's model."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from akm_fg import __version__
+from akm_fg.cli.demo_config import DemoConfig
+from akm_fg.cli.exploring.recorder import attempt_name
+from akm_fg.errors import InsufficientData
+from akm_fg.exploration.page import exploration_part
+from akm_fg.exploration.records import Exploration
+from akm_fg.model.build import FittedRecording, build_model
+from akm_fg.model.records import Contact
+from akm_fg.model.write import write_model
+from akm_fg.records import CalibrationErrors, JointTruth, Recording
+from akm_fg.report.summary import PartTracks, RunSummary
+from akm_fg.report.write import write_report
+
+REPORT = "report.html"
+
+
+def last_recording(
+    exploration: Exploration, calibration: CalibrationErrors | None = None
+) -> Recording | None:
+    """The frames of the attempt that the exploration's fit is of; else the first look."""
+    looks, first = exploration.looks, exploration.first_look
+    name = attempt_name(max(len(exploration.attempts) - 1, 0))
+    if not looks:
+        return None if first is None else Recording(name, (first,))
+    held = [k for k, look in enumerate(looks) if look.holding]
+    end = next((k for i, k in enumerate(held) if k != held[0] + i), None) if held else None
+    last = held[-1] if held and end is None else (end or 1) - 1
+    return Recording(
+        name,
+        tuple(look.frame for look in looks),
+        None,
+        tuple(look.T_world_gripper for look in looks),
+        (held[0], last) if held else None,
+        calibration,
+    )
+
+
+def write_outcome(
+    folder: Path,
+    title: str,
+    command: str,
+    seed: int,
+    exploration: Exploration,
+    truth: JointTruth,
+    config: DemoConfig,
+) -> None:
+    """Write report.html.
+
+    Raises:
+        OutputError: the disk refuses.
+    """
+    recording, fit = last_recording(exploration), exploration.fit
+    if recording is None:
+        return
+    tracks = None
+    if fit is not None:
+        parts = fit.observed.segmentation
+        tracks = PartTracks(fit.observed.pixels, parts.moving, parts.static)
+    summary = RunSummary(
+        title=title,
+        command=command,
+        seed=seed,
+        version=__version__,
+        recording=recording,
+        tracks=tracks,
+        posterior=None if fit is None else fit.posterior,
+        truth=truth if len(truth.states) == len(recording.frames) else None,
+        time_s=dict(exploration.time_s),
+        failure=exploration.failure,
+    )
+    part = exploration_part(exploration, config.explore)
+    write_report(folder / REPORT, summary, config.overlay, introduction=part)
+
+
+def write_part_model(folder: Path, exploration: Exploration, config: DemoConfig) -> Path | None:
+    """Write model.json of what was opened; None where nothing was, or too little is known of it.
+
+    Raises:
+        OutputError: the disk refuses.
+    """
+    recording, fit = last_recording(exploration), exploration.fit
+    if not exploration.opened or fit is None or recording is None:
+        return None
+    grasp = exploration.attempts[-1].T_world_grasp
+    contacts = None if grasp is None else [Contact(grasp, 0.0, succeeded=1)]
+    try:
+        model = build_model(
+            FittedRecording.of(recording, fit),
+            contacts=contacts,
+            perception=config.perception,
+            config=config.model,
+        )
+    except InsufficientData as error:
+        exploration.notes.append(f"no model.json: {error}")
+        return None
+    return write_model(folder, model)

@@ -1,0 +1,112 @@
+"""Records the attempts of an exploration as they go, and says what happens."""
+
+from __future__ import annotations
+
+import dataclasses
+import shutil
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+
+from akm_fg.exploration.records import Attempt
+from akm_fg.io.recording_writer import RecordingWriter
+from akm_fg.records import JointTruth, Look
+from sim.episode import SimEpisode
+
+
+def attempt_name(number: int) -> str:
+    """The folder of the recording of an attempt, counted from 0, in the folder of the run."""
+    return f"attempt-{number + 1:02d}"
+
+
+class Recorder:
+    """Records attempts as they go, and says what happens."""
+
+    def __init__(self, folder: Path, world: SimEpisode, result: Callable[[], None]):
+        self._run_folder, self._world, self._result = folder, world, result
+        self._began = time.perf_counter()
+        self._first: Look | None = None  # of an attempt, kept until it has touched something
+        self._writer: RecordingWriter | None = None
+        self._held: list[int] = []
+        self.truths: list[JointTruth] = []
+
+    def begun(self, number: int, attempt: Attempt) -> None:
+        """Say what is tried."""
+        self._first, self._writer, self._held, self.truths = None, None, [], []
+        self._number = number
+        folder = self._folder()
+        if folder.exists():  # of an attempt that was interrupted
+            shutil.rmtree(folder)
+        way = attempt.hypothesis.way
+        self.stage(
+            f"attempt {number + 1}: {attempt.contact.what} on front {attempt.contact.front}, "
+            f"pull {way} (probability {attempt.probability:.2f})"
+        )
+
+    def looked(self, look: Look) -> None:
+        """Write the frame; the truth goes beside it, for scoring alone."""
+        self.truths.append(self._world.truth())
+        if self._first is None:
+            self._first = look
+            return
+        if self._writer is None:
+            self._writer = RecordingWriter(self._folder())
+            self._add(self._first)
+            if self._world.calibration is not None:
+                self._writer.set_calibration(self._world.calibration)
+        self._add(look)
+
+    def _folder(self) -> Path:
+        return self._run_folder / attempt_name(self._number)
+
+    def _add(self, look: Look) -> None:
+        assert self._writer is not None
+        if look.holding:
+            self._held.append(len(self._writer))
+        self._writer.add(look.frame, T_world_gripper=look.T_world_gripper)
+
+    def stretched(self, attempt: Attempt) -> None:
+        """Say what is known now."""
+        stretch = attempt.stretches[-1]
+        if stretch.bounds is None:
+            return
+        axis_deg = np.rad2deg(stretch.bounds.axis_rad)
+        pivot = "" if stretch.bounds.pivot_m is None else f", {100 * stretch.bounds.pivot_m:.1f} cm"
+        likely = max(stretch.kind_probability, key=stretch.kind_probability.__getitem__)
+        self.stage(
+            f"  {100 * stretch.travel_m:.0f} cm: {likely} {stretch.kind_probability[likely]:.3f}, "
+            f"axis within {axis_deg:.1f} deg{pivot} (95 %)"
+        )
+
+    def ended(self, number: int, attempt: Attempt) -> None:
+        """Close the recording."""
+        if self._writer is not None:
+            attempt.recording = attempt_name(number)
+            self._finish()
+        self.stage(f"  {attempt.outcome.replace('_', ' ')}: {attempt.reason}")
+        self._result()
+
+    def _finish(self) -> None:
+        assert self._writer is not None
+        n = len(self._writer)
+        if n and self.truths:
+            states = np.array([float(truth.states[-1]) for truth in self.truths[:n]])
+            self._writer.set_truth(dataclasses.replace(self.truths[0], states=states))
+        if self._held:
+            run = [k for i, k in enumerate(self._held) if k == self._held[0] + i]
+            self._writer.set_grasp_frames(run[0], run[-1])
+
+    def truth(self) -> JointTruth:
+        """The true joint, a state for each look of the last attempt; for scoring alone."""
+        if not self.truths:
+            return self._world.truth()
+        states = np.array([float(truth.states[-1]) for truth in self.truths])
+        return dataclasses.replace(self.truths[0], states=states)
+
+    def stage(self, words: str) -> None:
+        """Say what comes next, and when."""
+        seconds = time.perf_counter() - self._began
+        print(f"{seconds:6.1f} s  {words}", file=sys.stderr, flush=True)

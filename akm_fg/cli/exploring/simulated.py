@@ -1,0 +1,145 @@
+"""One exploration in the simulator, every attempt recorded as it goes."""
+
+from __future__ import annotations
+
+import json
+from contextlib import AbstractContextManager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from akm_fg.cli.demo_config import DemoConfig
+from akm_fg.cli.exploring.outcome import write_outcome, write_part_model
+from akm_fg.cli.exploring.recorder import Recorder, attempt_name
+from akm_fg.cli.exploring.stages import perceiver_of
+from akm_fg.cli.object_argument import ObjectArgument
+from akm_fg.errors import InputError
+from akm_fg.exploration.explore import Explorer, explore
+from akm_fg.exploration.explore_json import exploration_as_dict, exploration_from_dict
+from akm_fg.exploration.records import INTERRUPTED, Exploration
+from akm_fg.io.png import replace_file
+from akm_fg.records import JointTruth
+from akm_fg.stages import Stages
+from akm_fg.stream.frame_stream import FrameStream
+from sim.episode import SimEpisode, open_world
+
+CONFIG = "config.toml"
+RESULT = "explore.json"
+
+
+@dataclass(frozen=True, slots=True)
+class ExploreRequest:
+    """What to explore, and where to write."""
+
+    object: ObjectArgument
+    name: str  # of the object, as the person wrote it
+    seed: int
+    locked: bool
+    folder: Path
+    config: DemoConfig
+    stages: Stages
+    command: str
+
+
+@dataclass(slots=True)
+class Explored:
+    """What came of it."""
+
+    exploration: Exploration
+    truth: JointTruth  # a state for each look of the last attempt; for scoring alone
+    folder: Path
+    model: Path | None = None
+    interrupted: bool = False
+
+
+def write_result(folder: Path, result: dict[str, Any]) -> None:
+    """Write explore.json, whole or not at all."""
+    text = json.dumps(result, allow_nan=False, indent=1) + "\n"
+    replace_file(folder / RESULT, text.encode("utf-8"))
+
+
+def read_request(folder: Path, name: str, seed: int) -> Exploration:
+    """What an interrupted run had tried.
+
+    Raises:
+        InputError: the folder is not of such a run, or of another object or seed.
+    """
+    path = folder / RESULT
+    try:
+        data = json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError) as error:
+        raise InputError(
+            path, f"cannot be read ({error})", "the folder of an explore run"
+        ) from error
+    if not isinstance(data, dict):
+        raise InputError(path, "is no JSON object", "what explore wrote")
+    if (data.get("object"), data.get("seed")) != (name, seed):
+        other = f"is of {data.get('object')} with seed {data.get('seed')}"
+        raise InputError(path, other, f"{name} with seed {seed}")
+    exploration = exploration_from_dict(data, str(path))
+    whole = [attempt for attempt in exploration.attempts if attempt.reason != INTERRUPTED]
+    exploration.attempts, exploration.beliefs = whole, exploration.beliefs[: len(whole)]
+    return exploration
+
+
+def explore_in_simulator(request: ExploreRequest) -> Explored:
+    """The exploration; what was tried stays readable when it is interrupted.
+
+    Raises:
+        InputError: the object cannot be loaded, or the settings cannot be used.
+        OutputError: something cannot be written.
+    """
+    exploration = Exploration()
+    if (request.folder / RESULT).exists():
+        exploration = read_request(request.folder, request.name, request.seed)
+    config = request.config
+
+    def keep() -> None:
+        told = {"object": request.name, "seed": request.seed, **exploration_as_dict(exploration)}
+        write_result(request.folder, told)
+
+    with _opened(request) as world:
+        reporter = Recorder(request.folder, world, keep)
+        family = getattr(request.object.spec(request.seed), "family", None)
+        perceived = perceiver_of(config, request.stages, family, exploration.notes)
+
+        def stream(number: int) -> FrameStream:
+            return FrameStream(
+                str(request.folder / attempt_name(number)),
+                config.model_settings,
+                request.stages,
+                calibration=world.calibration,
+            )
+
+        explorer = Explorer(
+            perceived.contacts, perceived.grasps, stream, config.explore, request.seed
+        )
+        explored = Explored(exploration, world.truth(), request.folder)
+        try:
+            explore(world.arm, world.camera, explorer, exploration, reporter)
+        except KeyboardInterrupt:
+            explored.interrupted = True
+            exploration.failure = "interrupted"
+        explored.truth = reporter.truth()
+    explored.model = write_part_model(request.folder, exploration, config)
+    keep()
+    title = f"{request.object.title}, seed {request.seed}"
+    write_outcome(
+        request.folder, title, request.command, request.seed, exploration, explored.truth, config
+    )
+    return explored
+
+
+def _opened(request: ExploreRequest) -> AbstractContextManager[SimEpisode]:
+    thing, sim = request.object, request.config.sim
+    return open_world(
+        thing.name,
+        request.seed,
+        joint=thing.joint,
+        world_config=sim.world,
+        franka_config=sim.franka,
+        camera_config=sim.camera,
+        rig=sim.rig,
+        placement="published",
+        locked=request.locked,
+    )
