@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 import tempfile
-from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from types import TracebackType
 
-import cv2
 import gtsam
 import numpy as np
 
@@ -16,16 +14,15 @@ from akm_fg.arm.body.description import franka_description
 from akm_fg.arm.body.kinematics import Q_HOME, FrankaKinematics, IkConfig
 from akm_fg.arm.body.model import N_ARM
 from akm_fg.records import JointTruth
-from sim.bullet import connect, joint_index, load_urdf, p, quaternion_xyzw
+from sim.bullet import connect, joint_index, load_urdf, p
 from sim.camera.robot_meshes import light_panda_urdf
 from sim.objects.imported.imported_spec import ImportOptions
 from sim.objects.mechanisms import resistance
-from sim.objects.meshes import Box, write_textured_boxes
 from sim.objects.part_spec import PartSpec
 from sim.objects.staging import PlacementMode, find_spec, stage
-from sim.objects.textures import Rgb, floor, plaster
 from sim.objects.urdf.urdf_files import PART_JOINT
 from sim.robot.contacts import finger_links
+from sim.room import add_room
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,16 +42,6 @@ class WorldConfig:
 
 
 LOCK_FORCE = 1e4  # N or N m, of a locked joint: the arm can exert a hundred
-ROOM_CELL_M = 1.5  # side of a cell of floor and walls
-ROOM_URDF = (
-    '<robot name="{name}"><link name="{name}"><inertial><mass value="0"/>'
-    '<inertia ixx="0" iyy="0" izz="0" ixy="0" ixz="0" iyz="0"/></inertial>'
-    '<visual><geometry><mesh filename="{name}.obj"/></geometry></visual></link></robot>'
-)
-
-
-def _above(z: float, x: float = 0.0, y: float = 0.0) -> gtsam.Pose3:
-    return gtsam.Pose3(gtsam.Rot3(), np.array([x, y, z]))
 
 
 class SimWorld:
@@ -115,7 +102,9 @@ class SimWorld:
         self.still.append((files / "corpus.urdf", T_world_object))
         self.part_joint = joint_index(self.client, self.object_id, PART_JOINT)
         self._furnish()
-        self._add_room(folder)
+        self.still += add_room(
+            self.client, self.placement, self.spec.size_m, self.spec.seed, folder
+        )
         return self
 
     def __exit__(
@@ -194,58 +183,6 @@ class SimWorld:
             physicsClientId=self.client,
         )
 
-    def _add_room(self, folder: Path) -> None:
-        """A floor, a wall a hand's breadth behind the object, and what lifts object or robot."""
-        rng = np.random.default_rng([self.spec.seed, 9])
-        T, (width, depth, _) = self.placement.T_world_object, self.spec.size_m
-        ground, plinth = self.placement.floor_m, self.placement.plinth_m
-        images = [floor(rng), plaster(rng)]
-        upright = gtsam.Pose3(gtsam.Rot3.Ry(-self.placement.roll_rad), np.zeros(3))
-        behind = upright * _above(2.0 - plinth, y=depth / 2 + 0.1)
-        self._add_still(folder, "floor", images[0], [16.0, 16.0, 0.05], _above(ground - 0.025), [4])
-        self._add_still(folder, "wall", images[1], [16.0, 0.05, 4.0], T * behind, [3])
-        grey = np.asarray(0.55 * plaster(rng), dtype=np.uint8)
-        if plinth > 0.0:
-            size, T_plinth = [width, 0.9 * depth, plinth], T * _above(-plinth / 2.0)
-            self._add_still(folder, "plinth", grey, size, T_plinth, range(6))
-        if ground < 0.0:  # the robot's flange is 0.2 m long
-            T_pedestal = _above(ground / 2.0, x=-0.05)
-            self._add_still(folder, "pedestal", grey, [0.3, 0.3, -ground], T_pedestal, range(6))
-
-    def _add_still(
-        self,
-        folder: Path,
-        name: str,
-        image: Rgb,
-        size_m: Sequence[float],
-        T_world_box: gtsam.Pose3,
-        sides: Sequence[int],
-    ) -> None:
-        """A box that never moves.
-
-        Here it is a collision shape alone; its looks never change and are drawn once, by the
-        camera, from the files written here.
-        """
-        cv2.imwrite(str(folder / f"{name}.png"), image[..., ::-1])
-        box = Box(name, np.array(size_m), gtsam.Pose3(), name)
-        path = folder / f"{name}.obj"
-        write_textured_boxes(path, [box], f"{name}.png", split_m=ROOM_CELL_M, sides=sides)
-        half = (np.array(size_m) / 2.0).tolist()
-        shape = p.createCollisionShape(p.GEOM_BOX, halfExtents=half, physicsClientId=self.client)
-        # Without a visual shape the collision shape would be drawn: give it a speck inside.
-        speck = p.createVisualShape(p.GEOM_BOX, halfExtents=[1e-4] * 3, physicsClientId=self.client)
-        p.createMultiBody(
-            0.0,
-            shape,
-            speck,
-            T_world_box.translation().tolist(),
-            quaternion_xyzw(T_world_box.rotation()),
-            physicsClientId=self.client,
-        )
-        urdf = path.with_suffix(".urdf")
-        urdf.write_text(ROOM_URDF.format(name=name), encoding="utf-8")
-        self.still.append((urdf, T_world_box))
-
     def _furnish(self) -> None:
         """Coulomb friction as a velocity motor of bounded force; viscous damping; contact."""
         spec = self.spec
@@ -268,6 +205,10 @@ class SimWorld:
             linearDamping=0.0,
             angularDamping=0.0,
             physicsClientId=self.client,
+        )
+        # Fingers slide on locked handles as on the free one.
+        p.changeDynamics(
+            self.object_id, -1, lateralFriction=spec.handle_mu, physicsClientId=self.client
         )
 
     def _lock(self) -> None:

@@ -170,6 +170,14 @@ class SimCamera:
         surface, depth = self._exact()
         return surface.rgb, depth
 
+    def shown(self, body: int, link: int) -> NDArray[np.bool_]:
+        """(H, W) which pixels show a link of one of the world's bodies. For scoring alone."""
+        self._follow()
+        picture = self._scene.draw(poses_of(self._world.client, self._shapes), self._shot)
+        wanted = np.array([*((s.body, s.link) == (body, link) for s in self._shapes), False])
+        _, still_depth = self._still
+        return np.asarray(wanted[picture.body] & ~(still_depth <= picture.depth_m))
+
     def _exact(self) -> tuple[Surface, DepthImage]:
         """What each pixel shows and how far away.
 

@@ -36,7 +36,7 @@ class FixedViewConfig:
     """
 
     eye_m: tuple[float, float, float] = (-0.60, 0.70, 1.10)  # in the robot's base frame
-    target_m: tuple[float, float, float] = (0.60, 0.31, 0.67)
+    target_m: tuple[float, float, float] = (0.60, 0.225, 0.58)
     upright_field_rad: float = 2.0 * float(np.arctan(240.0 / 425.0))
 
     def focal_px(self, height_px: int) -> float:

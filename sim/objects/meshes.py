@@ -41,13 +41,21 @@ _SIDES = (
 )
 
 
-def box_faces(box: Box) -> tuple[FloatArray, FloatArray, FloatArray]:
+def box_faces(
+    box: Box, p_grain: FloatArray | None = None
+) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Corners (6, 4, 3), texture coordinates (6, 4, 2) and normals (6, 3) in the link frame.
 
     Texture coordinates are the corner's position along the side's two axes over TILE_M, so that
     the boards of one link share one continuous texture. They are positive (UV_SHIFT), as
     TinyRenderer wraps only positive ones. A bar along z gets its grain along z.
+
+    Args:
+        box: the box.
+        p_grain: (3,) of the link's frame in the one that textures are fixed to; the link's own if
+            absent.
     """
+    p_grain = np.zeros(3) if p_grain is None else p_grain
     corners, uvs, normals = [], [], []
     R, t = box.T_link_box.rotation().matrix(), box.T_link_box.translation()
     for axis, sign, a, b in _SIDES:
@@ -61,7 +69,8 @@ def box_faces(box: Box) -> tuple[FloatArray, FloatArray, FloatArray]:
             ring = ring[::-1]
         p_link = ring @ R.T + t
         u_axis, v_axis = np.abs(R[:, a]).argmax(), np.abs(R[:, b]).argmax()
-        uv = np.stack([p_link[:, u_axis], p_link[:, v_axis]], axis=-1)
+        p_texture = p_link + p_grain
+        uv = np.stack([p_texture[:, u_axis], p_texture[:, v_axis]], axis=-1)
         corners.append(p_link)
         uvs.append(uv / TILE_M + UV_SHIFT)
         normals.append(R @ normal)
@@ -74,6 +83,7 @@ def write_textured_boxes(
     texture: str,
     split_m: float,
     sides: Sequence[int] = tuple(range(6)),
+    p_grain: FloatArray | None = None,
 ) -> None:
     """Writes an OBJ of boxes and its MTL, with sides cut into cells of at most `split_m`.
 
@@ -85,13 +95,14 @@ def write_textured_boxes(
         texture: file name of the texture in the same folder.
         split_m: largest side of a cell, metres.
         sides: which sides of each box to write: +x, -x, +y, -y, +z, -z.
+        p_grain: as `box_faces` takes it.
     """
     patches: list[Patch] = []
     for box in boxes:
         if box.rounded:
             patches.append(_rod(box))
             continue
-        corners, uvs, normals = (part[list(sides)] for part in box_faces(box))
+        corners, uvs, normals = (part[list(sides)] for part in box_faces(box, p_grain))
         patches += [_side(*side, split_m) for side in zip(corners, uvs, normals, strict=True)]
     write_obj(path, joined(patches), texture)
 

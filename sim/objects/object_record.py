@@ -61,5 +61,5 @@ def _plain(value: Any) -> Any:
 def _restored(value: Any) -> Any:
     if not isinstance(value, list):
         return value
-    numbers = np.array(value, dtype=float)
+    numbers = np.array(value, dtype=float) if value else np.zeros((0, 3))
     return pose_from_matrix(numbers) if numbers.shape == (4, 4) else numbers

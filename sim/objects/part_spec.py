@@ -6,7 +6,7 @@ origin on the floor under the middle.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Literal, Protocol
 
@@ -90,6 +90,9 @@ class BuiltObject:
     T_object_handle: gtsam.Pose3  # closed; z the way the fingers approach, x along the bar
     p_object_front: FloatArray  # (3,) middle of the closed front
     handle_thickness_m: float  # between the fingers
+    # (N, 3) of every place that looks as if one could pull there, closed: the free part's first,
+    # then those of locked fronts and decoys, NaN where such a front has none. For scoring alone.
+    p_object_handles: FloatArray = field(default_factory=lambda: np.zeros((0, 3)))
 
     @property
     def view_low(self) -> bool:

@@ -18,13 +18,11 @@ from akm_fg.errors import InputError
 from sim.objects.household.household_spec import HouseholdSpec
 from sim.objects.household.household_suites import HOUSEHOLD, HouseholdSuite
 from sim.objects.part_spec import Hinge
+from sim.objects.suites.families import HANDLELESS_FAMILIES, Family, SizeRanges
 from sim.objects.suites.furniture_spec import (
-    HANDLELESS_FAMILIES,
     HANDLELESS_SHARE,
     PLAIN_SHARE,
-    Family,
     FurnitureSpec,
-    SizeRanges,
     Slot,
     sample_furniture,
 )

@@ -1,13 +1,14 @@
 """The boxes of a piece of furniture, from scene_synthesizer, without its handles.
 
 The library's own moving parts other than the chosen one stay where they are, as fronts of the
-corpus. Object frame: x along the front, y into the furniture, z up, origin on the floor.
+corpus; so does a cabinet beside or below an appliance. Object frame: x along the front, y into the
+furniture, z up, origin on the floor.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, Literal
 
 import gtsam
 import numpy as np
@@ -16,6 +17,9 @@ from scene_synthesizer import procedural_assets
 from akm_fg.records import FloatArray
 from sim.objects.library_boxes import box_of, build_asset, shifted
 from sim.objects.meshes import Box
+from sim.objects.part_spec import Hinge
+from sim.objects.suites.faces import Face
+from sim.objects.suites.families import APPLIANCES
 from sim.objects.suites.furniture_spec import FurnitureSpec
 from sim.objects.urdf.urdf_model import Link
 
@@ -36,6 +40,9 @@ COMPARTMENT = {
 }
 
 
+Corners = tuple[FloatArray, FloatArray]  # lower and upper (3,), (3,), of a box
+
+
 @dataclass(frozen=True, slots=True)
 class Body:
     """Boxes of corpus and part in their links' frames, and the joint in the object frame."""
@@ -44,35 +51,110 @@ class Body:
     part: list[Box]
     origin: FloatArray  # (3,) of the part's frame, a point of the axis
     axis: FloatArray  # (3,) unit; the part opens along it
+    locked: list[Corners]  # the other fronts, in the object frame, from above
+    panel: Corners | None  # where an appliance may have knobs
 
-    def front(self) -> tuple[FloatArray, FloatArray]:
+    def front(self) -> Corners:
         """Lower and upper corners (3,), (3,) of the part's front, in the part's frame."""
-        corners = [
-            box.T_link_box.translation() + sign * box.size_m / 2.0
-            for box in self.part
-            if box.material in ("front", "glass")
-            for sign in (-1.0, 1.0)
-        ]
-        return np.min(corners, axis=0), np.max(corners, axis=0)
+        return _around([box for box in self.part if box.material in ("front", "glass")])
 
 
 def make_body(spec: FurnitureSpec) -> Body:
-    """Builds the library's asset and takes its boxes."""
+    """Builds the library's asset and takes its boxes, and those of what stands beside it."""
     asset = build_asset(lambda scratch: _make_asset(spec, scratch))
     wanted = PART_LINK.get(spec.family)
     moving = asset.movable()
-    joint = next(j for j in moving if wanted is None or j.child == wanted[spec.part_at[0]])
+    joint = next(j for j in moving if wanted is None or j.child == wanted[spec.face.fronts[0].top])
     # All links hang on one that stands in the object frame's origin, and none is turned.
     origins = {j.child: j.T_parent_joint.translation() for j in moving}
-    corpus = [
-        shifted(box, origins.get(link.name, np.zeros(3)))
+    still = [
+        [shifted(box, origins.get(link.name, np.zeros(3))) for box in _boxes(link)]
         for link in asset.links.values()
         if link.name != joint.child
-        for box in _boxes(link)
     ]
+    corpus = [box for boxes in still for box in boxes]
     part = _boxes(asset.links[joint.child])
-    body = Body(corpus, part, origins[joint.child], joint.axis)
-    return _faced(body, spec) if spec.family == "sliding" else body
+    body = Body(corpus, part, origins[joint.child], joint.axis, [], None)
+    if spec.family == "sliding":
+        body = _faced(body, spec)
+        # Its twin has no handle that it would run into; the blocks that both stand between do.
+        ends = [
+            box
+            for box in body.corpus
+            if box.name.endswith(("left_part_collision", "right_part_collision"))
+        ]
+        locked = [_around([max(ends, key=lambda box: float(box.size_m[0]))])]
+    elif spec.family in APPLIANCES:
+        fronts = [[box for box in boxes if box.material in ("front", "glass")] for boxes in still]
+        locked = [_around(boxes) for boxes in fronts if boxes and "closed" not in boxes[0].name]
+        body = replace(body, panel=_panel(corpus, spec))
+    else:
+        locked = [_around([box]) for box in corpus if "closed" in box.name]
+    return _in_the_middle(_beside(replace(body, locked=locked), spec), spec)
+
+
+def _around(boxes: list[Box]) -> Corners:
+    """The corners of a box around some that are parallel to the axes."""
+    corners = [
+        box.T_link_box.translation() + sign * box.size_m / 2.0
+        for box in boxes
+        for sign in (-1.0, 1.0)
+    ]
+    return np.min(corners, axis=0), np.max(corners, axis=0)
+
+
+def _panel(corpus: list[Box], spec: FurnitureSpec) -> Corners | None:
+    """Where an appliance's knobs are: above its door, or beside a microwave's."""
+    if spec.family == "microwave":
+        sides = [box for box in corpus if box.name.endswith(("_left", "_right"))]
+        return _around([max(sides, key=lambda box: float(box.size_m[0]))])
+    above = [box for box in corpus if box.name.endswith("closed_0_0")]
+    return _around(above) if above else None
+
+
+def _beside(body: Body, spec: FurnitureSpec) -> Body:
+    """The body with its neighbour, whose fronts are in line with its own."""
+    neighbour = spec.neighbour
+    if neighbour is None:
+        return body
+    width, height = (spec.scale * side for side in neighbour.size_m)
+    size = np.array([width, float(spec.own_m[1]), height])
+    asset = build_asset(lambda _: _cabinet(neighbour.face, size, spec.wall_m, "locked"))
+    boxes = [box for link in asset.links.values() for box in _boxes(link)]
+    ahead = float((body.origin + body.front()[0])[1]) - float(_around(boxes)[0][1])
+    own, offset = spec.own_m, np.array([0.0, ahead, 0.0])
+    if neighbour.side == "below":
+        lift = np.array([0.0, 0.0, height])
+        body = _shifted(body, lift)
+    else:
+        sign = 1.0 if neighbour.side == "right" else -1.0
+        offset[0] = sign * (float(own[0]) + width) / 2.0
+    boxes = [shifted(box, offset) for box in boxes]
+    locked = [_around([box]) for box in boxes if "closed" in box.name]
+    return replace(body, corpus=[*body.corpus, *boxes], locked=[*body.locked, *locked])
+
+
+def _in_the_middle(body: Body, spec: FurnitureSpec) -> Body:
+    """The body with its middle above the origin, and its locked fronts from above."""
+    aside = 0.0
+    if spec.neighbour is not None and spec.neighbour.side != "below":
+        sign = 1.0 if spec.neighbour.side == "right" else -1.0
+        aside = -sign * float(spec.size_m[0] - spec.own_m[0]) / 2.0
+    body = _shifted(body, np.array([aside, 0.0, 0.0]))
+    order = sorted(body.locked, key=lambda c: (-round(float(c[1][2]), 3), float(c[0][0])))
+    return replace(body, locked=order)
+
+
+def _shifted(body: Body, by_m: FloatArray) -> Body:
+    """The body moved by (3,) metres in the object frame."""
+    return Body(
+        [shifted(box, by_m) for box in body.corpus],
+        body.part,
+        body.origin + by_m,
+        body.axis,
+        [(lower + by_m, upper + by_m) for lower, upper in body.locked],
+        None if body.panel is None else (body.panel[0] + by_m, body.panel[1] + by_m),
+    )
 
 
 def _faced(body: Body, spec: FurnitureSpec) -> Body:
@@ -81,10 +163,7 @@ def _faced(body: Body, spec: FurnitureSpec) -> Body:
     Its door opens towards its own -x. Half of them are mirrored, so that both ways occur; every
     box is parallel to the axes and keeps its shape.
     """
-    everything = body.corpus + body.part
-    centres = np.array([box.T_link_box.translation() for box in everything])
-    halves = np.array([box.size_m for box in everything]) / 2.0
-    low, high = (centres - halves).min(axis=0), (centres + halves).max(axis=0)
+    low, high = _around(body.corpus + body.part)
     shift = np.array([(low[0] + high[0]) / 2.0, 0.0, low[2]])
     x_sign = float(np.random.default_rng([*spec.key, 53]).choice([-1.0, 1.0]))
     signs = np.array([x_sign, -1.0, 1.0])
@@ -95,12 +174,12 @@ def _faced(body: Body, spec: FurnitureSpec) -> Body:
         return replace(box, T_link_box=gtsam.Pose3(T.rotation(), p_object))
 
     corpus, part = [moved(box) for box in body.corpus], [moved(box) for box in body.part]
-    return Body(corpus, part, body.origin, np.array([-x_sign, 0.0, 0.0]))
+    return replace(body, corpus=corpus, part=part, axis=np.array([-x_sign, 0.0, 0.0]))
 
 
 def _make_asset(spec: FurnitureSpec, scratch: str) -> Any:
     """The library's asset of the spec's family."""
-    width, depth, height = spec.size_m.tolist()
+    width, depth, height = spec.own_m.tolist()
     sides = {"width": width, "depth": depth, "height": height}
     plain: dict[str, Any] = {"handle_shape_args": None}
     left = spec.hinge == "right"  # the handle is where the hinge is not
@@ -117,7 +196,7 @@ def _make_asset(spec: FurnitureSpec, scratch: str) -> Any:
                 handle_left=left,
                 num_door_shelves=0,
                 thickness=0.05,
-                freezer_compartment_height=spec.rows[0] * height,
+                freezer_compartment_height=spec.face.rows[0] * height,
             )
         case "dishwasher":
             return procedural_assets.DishwasherAsset(
@@ -137,26 +216,30 @@ def _make_asset(spec: FurnitureSpec, scratch: str) -> Any:
                 **sides, handle_length=0.3, handle_shape_args=None, button_size=0.0
             )
         case _:
-            return _cabinet(spec)
+            return _cabinet(spec.face, spec.own_m, spec.wall_m, spec.hinge)
 
 
-def _cabinet(spec: FurnitureSpec) -> Any:
-    """Stacked and adjoining fronts, all closed but the part."""
-    width, depth, height = spec.size_m.tolist()
-    n_columns = len(spec.columns)
-    mask = np.arange(len(spec.rows) * n_columns).reshape(-1, n_columns)
-    types = ["closed"] * mask.size
-    types[mask[spec.part_at]] = COMPARTMENT[spec.hinge]
+def _cabinet(
+    face: Face, size_m: FloatArray, wall_m: float, free: Hinge | Literal["locked"] | None
+) -> Any:
+    """A cabinet with the fronts of a face, all closed but the first, if that is free.
+
+    A closed compartment's board is the board of a drawer or door there, to the millimetre.
+    """
+    width, depth, height = size_m.tolist()
+    types = ["closed"] * len(face.fronts)
+    if free != "locked":
+        types[0] = COMPARTMENT[free]
     return procedural_assets.CabinetAsset(
         width=width,
         depth=depth,
         height=height,
-        compartment_mask=mask.tolist(),
+        compartment_mask=face.mask().tolist(),
         compartment_types=types,
-        compartment_heights=[share * height for share in spec.rows],
-        compartment_widths=[share * width for share in spec.columns],
-        outer_wall_thickness=spec.wall_m,
-        inner_wall_thickness=spec.wall_m,
+        compartment_heights=[share * height for share in face.rows],
+        compartment_widths=[share * width for share in face.columns],
+        outer_wall_thickness=wall_m,
+        inner_wall_thickness=wall_m,
         drawer_wall_thickness=0.012,
     )
 

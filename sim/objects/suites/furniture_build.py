@@ -5,10 +5,12 @@ from __future__ import annotations
 from pathlib import Path
 
 import gtsam
+import numpy as np
 
 from akm_fg.records import FloatArray
 from sim.objects.part_spec import BuiltObject
 from sim.objects.suites.finishes import write_textures
+from sim.objects.suites.fronts import dress
 from sim.objects.suites.furniture_body import make_body
 from sim.objects.suites.furniture_spec import FurnitureSpec
 from sim.objects.suites.handles import edge_strip, handle_boxes, handle_pose
@@ -22,9 +24,11 @@ def build_furniture(spec: FurnitureSpec, folder: Path) -> BuiltObject:
     T_part_handle = handle_pose(spec, lower, upper)
     part = body.part + handle_boxes(spec.handle, T_part_handle)
     if spec.handle.style == "edge":
-        part = [*part, edge_strip(spec, lower, upper)]
+        part = [*part, edge_strip(spec, spec.hinge, lower, upper)]
+    dressed = dress(spec, body)
     write_textures(spec, folder)
-    urdf = write_urdf(spec, body.corpus, part, body.origin, body.axis, folder)
+    corpus = [*body.corpus, *dressed.boxes]
+    urdf = write_urdf(spec, corpus, part, body.origin, body.axis, folder, one_grain=True)
     middle = (lower + upper) / 2.0
     middle[1] = lower[1]
     return BuiltObject(
@@ -35,6 +39,7 @@ def build_furniture(spec: FurnitureSpec, folder: Path) -> BuiltObject:
         T_object_handle=_moved(T_part_handle, body.origin),
         p_object_front=body.origin + middle,
         handle_thickness_m=spec.handle.thickness_m,
+        p_object_handles=np.array([T_part_handle.translation() + body.origin, *dressed.p_handles]),
     )
 
 

@@ -6,7 +6,7 @@ varies what differs from one meeting to the next: scale, pose, the camera's nois
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
@@ -14,29 +14,39 @@ import numpy as np
 from akm_fg.records import FloatArray
 from sim.objects.mechanisms import Catch, Closer
 from sim.objects.part_spec import Hinge, hinge_side
+from sim.objects.suites.faces import Face
+from sim.objects.suites.families import APPLIANCES, DRAWER_FAMILIES, Family, SizeRanges
 from sim.objects.suites.furniture_physics import sample_catch, sample_closer, sample_physics
+from sim.objects.suites.layouts import Layout, Neighbour, sample_layout
+from sim.objects.suites.manners import (
+    BLIND_SHARE,
+    KNOBS,
+    LEVER_MIN_M,
+    RAIL_SHARE,
+    Manner,
+    Spot,
+    lever_m,
+    sample_manner,
+    spot_of,
+)
 
-Family = Literal[
-    "chest",
-    "desk",
-    "range_drawer",
-    "sliding",
-    "cabinet",
-    "flap",
-    "microwave",
-    "fridge",
-    "dishwasher",
-    "oven",
-]
+# Fronts that the library gives an appliance, and the block beside a sliding door.
+OWN_FRONTS = {
+    "microwave": 1,
+    "fridge": 2,
+    "dishwasher": 1,
+    "oven": 2,
+    "range_drawer": 2,
+    "sliding": 2,
+}
 HandleStyle = Literal["bar", "rod", "arch", "knob", "lip", "edge"]
 
-APPLIANCES = ("range_drawer", "microwave", "fridge", "dishwasher", "oven")
 PLAIN_SHARE = 1.0 / 3.0  # of the objects, with nothing on them that a tracker could hold on to
-DRAWER_FAMILIES = ("chest", "desk", "range_drawer")
-HANDLELESS_FAMILIES = ("chest", "desk", "cabinet", "flap")
 HANDLELESS_SHARE = 0.1  # of the objects, with a board's edge in place of a handle
 RANGE_MIN_M = 0.40  # every drawer opens at least so far: the benchmark's range
 DRAWER_BACK_M = 0.07  # of the drawer, kept in the cabinet at the end of the range
+END_M = 0.035  # from the end of a bar to the edge of the cells that its front fills
+HANDLE_MIN_M = 0.05  # of a bar, which two fingers still find room on
 SLIDING_DOOR = 0.32  # of the width of a cabinet with a sliding door: the door, and its travel
 
 
@@ -57,6 +67,17 @@ class HandleSpec:
 
 
 @dataclass(frozen=True, slots=True)
+class Looks:
+    """What all fronts have in common, and which of them deceive."""
+
+    manner: Manner
+    side: float  # -1 or 1, where handles sit that sit on one side
+    blind: tuple[int, ...] = ()  # of the locked fronts, from above: those without a handle
+    rails: tuple[int, ...] = ()  # those that are panels with a rail
+    knobs: int = 0  # on the panel of an appliance
+
+
+@dataclass(frozen=True, slots=True)
 class FurnitureSpec:
     """One piece of furniture with one moving part. Everything here is truth."""
 
@@ -69,9 +90,10 @@ class FurnitureSpec:
     hinge: Hinge | None
     size_m: FloatArray  # (3,) width, depth, height of the whole, scaled
     scale: float
-    rows: tuple[float, ...]  # shares of the height, from the top, of stacked fronts
-    columns: tuple[float, ...]  # shares of the width, from the left
-    part_at: tuple[int, int]  # row and column of the part
+    own_m: FloatArray  # (3,) the same without the neighbour, scaled
+    face: Face  # the part is its first front
+    neighbour: Neighbour | None
+    looks: Looks
     wall_m: float
     handle: HandleSpec
     plain: bool
@@ -96,20 +118,20 @@ class FurnitureSpec:
 
     @property
     def front_m(self) -> tuple[float, float]:
-        """Width and height of the row and column that the part fills."""
-        row, column = self.part_at
-        return float(self.size_m[0] * self.columns[column]), float(self.size_m[2] * self.rows[row])
+        """Width and height of the cells that the part fills."""
+        across, up = self.face.share(0)
+        return float(self.own_m[0] * across), float(self.own_m[2] * up)
 
+    @property
+    def handles(self) -> int:
+        """How many places look as if one could pull there, the free one and decoys included."""
+        return self.fronts - len(self.looks.blind) + self.looks.knobs
 
-@dataclass(frozen=True, slots=True)
-class SizeRanges:
-    """From where a suite draws its sizes, metres."""
-
-    front_width: tuple[float, float]
-    drawer_front: tuple[float, float]  # height of one drawer's front
-    door_width: tuple[float, float]
-    door_height: tuple[float, float]
-    flap_height: tuple[float, float]
+    @property
+    def fronts(self) -> int:
+        """How many fronts look as if they opened, the free one and blind ones included."""
+        beside = len(self.neighbour.face.fronts) if self.neighbour else 0
+        return OWN_FRONTS.get(self.family, len(self.face.fronts)) + beside
 
 
 @dataclass(frozen=True, slots=True)
@@ -129,20 +151,19 @@ def sample_furniture(slot: Slot, ranges: SizeRanges, seed: int) -> FurnitureSpec
     """Draws a piece of furniture from its slot's key, and its scale from the seed."""
     key, family, hinge = slot.key, slot.family, slot.hinge
     rng = np.random.default_rng(key)
-    size, rows, columns, part_at = _layout(family, hinge, ranges, rng)
+    layout = sample_layout(family, hinge, slot.handleless, ranges, key)
     scale = float(np.random.default_rng([*key, seed]).uniform(0.9, 1.1))
     upper = float(rng.uniform(RANGE_MIN_M, 0.46) if hinge is None else rng.uniform(1.05, 1.75))
-    size = _roomy(size * scale, family, upper)
+    own = _roomy(layout.size_m * scale, family, upper)
+    across, up = layout.face.share(0)
+    front_m = float(own[0] * across), float(own[2] * up)
     wall_m = float(rng.uniform(0.012, 0.02))
-    handle = _sample_handle(family, hinge, rng)
-    finish = _sample_finish(family, slot.plain, rng)
-    area_m2 = float(size[0] * columns[part_at[1]] * size[2] * rows[part_at[0]])
-    physics = sample_physics(area_m2, hinge is None, rng)
-    if slot.handleless:  # last: what was drawn above stays what it is without this
-        handle = _edge(key)
-        size, rows, columns, part_at = _clear_edge(hinge, (size, rows, columns, part_at))
-    # From the hinge to the free edge; a slide's forces are along the slide.
-    lever_m = None if hinge is None else _lever_m(hinge, (size, rows, columns, part_at))
+    drawn = _edge(key) if slot.handleless else _sample_handle(family, hinge, rng)
+    looks = _sample_looks(slot, drawn, front_m, layout)
+    handle = fitted(drawn, handle_spot(drawn, looks, hinge, family).upright, front_m)
+    physics = sample_physics(front_m[0] * front_m[1], hinge is None, rng)
+    # From the hinge to the handle, where a hand feels them; a slide's forces are along the slide.
+    lever = None if hinge is None else _lever_m(handle, looks, hinge, family, front_m)
     return FurnitureSpec(
         name=slot.name,
         seed=seed,
@@ -151,23 +172,33 @@ def sample_furniture(slot: Slot, ranges: SizeRanges, seed: int) -> FurnitureSpec
         family=family,
         kind="prismatic" if hinge is None else "revolute",
         hinge=hinge,
-        size_m=size,
+        size_m=_whole(own, layout.neighbour, scale),
         scale=scale,
-        rows=rows,
-        columns=columns,
-        part_at=part_at,
+        own_m=own,
+        face=layout.face,
+        neighbour=layout.neighbour,
+        looks=looks,
         wall_m=wall_m,
         handle=handle,
         plain=slot.plain,
-        finish=finish,
+        finish=_sample_finish(family, slot.plain, rng),
         mass_kg=physics.mass_kg,
         damping=physics.damping,
         friction=physics.friction,
         upper=upper,
         handle_mu=physics.handle_mu,
-        catch=sample_catch(key, lever_m),
-        closer=sample_closer(key, lever_m, lying=hinge in ("top", "bottom")),
+        catch=sample_catch(key, lever),
+        closer=sample_closer(key, lever, lying=hinge in ("top", "bottom")),
     )
+
+
+def _whole(own_m: FloatArray, neighbour: Neighbour | None, scale: float) -> FloatArray:
+    """Size (3,) with what stands beside or below."""
+    whole = own_m.copy()
+    if neighbour is not None:
+        axis = 2 if neighbour.side == "below" else 0
+        whole[axis] += scale * neighbour.size_m[1 if neighbour.side == "below" else 0]
+    return whole
 
 
 def _roomy(size_m: FloatArray, family: Family, upper: float) -> FloatArray:
@@ -180,83 +211,52 @@ def _roomy(size_m: FloatArray, family: Family, upper: float) -> FloatArray:
     return np.array([width, depth, height])
 
 
-_Layout = tuple[FloatArray, tuple[float, ...], tuple[float, ...], tuple[int, int]]
+def _sample_looks(
+    slot: Slot, handle: HandleSpec, front_m: tuple[float, float], layout: Layout
+) -> Looks:
+    """Manner and decoys, from a stream of their own."""
+    rng = np.random.default_rng([*slot.key, 62])
+    side = 1.0 if rng.random() < 0.5 else -1.0
+    looks = Looks(sample_manner(slot.hinge, rng), side)
+    if slot.hinge and _lever_m(handle, looks, slot.hinge, slot.family, front_m) < LEVER_MIN_M:
+        looks = Looks("usual", side)
+    beside = len(layout.neighbour.face.fronts) if layout.neighbour else 0
+    n = OWN_FRONTS.get(slot.family, len(layout.face.fronts)) + beside - 1  # locked ones
+    if slot.handleless:  # the panel under fronts that are pinched from above is the lowest
+        return replace(looks, blind=() if slot.hinge in ("left", "right") else (n - 1,))
+    picked = rng.permutation(n).tolist()
+    blind = picked[:1] if n >= 2 and rng.random() < BLIND_SHARE else []
+    rails = picked[1:2] if n >= 2 and rng.random() < RAIL_SHARE else []
+    knobs = int(rng.choice(KNOBS)) if slot.family in APPLIANCES and slot.family != "fridge" else 0
+    return replace(looks, blind=tuple(blind), rails=tuple(rails), knobs=knobs)
 
 
-def _layout(
-    family: Family, hinge: Hinge | None, ranges: SizeRanges, rng: np.random.Generator
-) -> _Layout:
-    """Size (3,) of the whole, its rows and columns, and which of them is the part."""
-    if family in ("chest", "desk"):
-        return _drawer_layout(family, ranges, rng)
-    if family == "sliding":
-        box = ((1.0, 1.0), (0.50, 0.58), (0.62, 0.80))  # the width follows from the range
-        return np.array([rng.uniform(*side) for side in box]), (1.0,), (1.0,), (0, 0)
-    if family == "cabinet":
-        return _door_layout(ranges.door_width, ranges.door_height, rng)
-    if family == "flap":
-        return _door_layout(ranges.front_width, ranges.flap_height, rng)
-    box_of = {
-        "microwave": ((0.45, 0.60), (0.34, 0.42), (0.26, 0.36)),
-        "fridge": ((0.45, 0.58), (0.52, 0.62), (1.25, 1.65)),
-        "dishwasher": ((0.44, 0.60), (0.52, 0.60), (0.68, 0.86)),
-        "oven": ((0.46, 0.60), (0.52, 0.60), (0.68, 0.88)),
-        "range_drawer": ((0.46, 0.62), (0.56, 0.62), (0.72, 0.92)),
-    }
-    size = np.array([rng.uniform(*side) for side in box_of[family]])
-    share = float(rng.uniform(0.28, 0.40))  # freezer of a fridge, drawer of a range
-    lower = int(rng.integers(2)) if family == "fridge" else 1
-    return size, (share, 1.0 - share), (1.0,), (lower, 0)
+def handle_spot(handle: HandleSpec, looks: Looks, hinge: Hinge | None, family: Family) -> Spot:
+    """Where the handle sits on a front with its hinge there."""
+    if family == "sliding":  # in the middle: the hand fits the recess
+        return Spot(True, 0.0, handle.along)
+    return spot_of(looks.manner, hinge, handle.along, looks.side)
 
 
-def _drawer_layout(family: Family, ranges: SizeRanges, rng: np.random.Generator) -> _Layout:
-    """A chest of drawers, or a desk's or kitchen base's drawer above a closed front."""
-    n_columns = int(rng.choice([1, 1, 2]))
-    width = float(rng.uniform(*ranges.front_width)) * (1.0 if n_columns == 1 else 1.7)
-    n = int(rng.integers(2, 5)) if family == "chest" else 2
-    heights = rng.uniform(*ranges.drawer_front) * rng.uniform(0.85, 1.15, n)
-    if family == "desk":
-        heights[1] = rng.uniform(0.35, 0.55)
-    row = int(rng.integers(n)) if family == "chest" else 0
-    columns = (1.0,) if n_columns == 1 else (0.5, 0.5)
-    size = np.array([width, rng.uniform(0.48, 0.58), heights.sum()])
-    shares = tuple((heights / heights.sum()).tolist())
-    return size, shares, columns, (row, int(rng.integers(n_columns)))
+def _lever_m(
+    handle: HandleSpec,
+    looks: Looks,
+    hinge: Hinge,
+    family: Family,
+    front_m: tuple[float, float],
+) -> float:
+    """From the hinge to where the hand pulls."""
+    if handle.style in ("edge", "lip"):
+        return front_m[0] if hinge in ("left", "right") else front_m[1]
+    return lever_m(handle_spot(handle, looks, hinge, family), hinge, front_m, handle.edge_m)
 
 
-def _door_layout(
-    width_m: tuple[float, float], height_m: tuple[float, float], rng: np.random.Generator
-) -> _Layout:
-    """A door, alone or with a closed front above, below or beside it."""
-    width, height = rng.uniform(*width_m), rng.uniform(*height_m)
-    rows: tuple[float, ...] = (1.0,)
-    columns: tuple[float, ...] = (1.0,)
-    row = column = 0
-    beside = rng.choice(["none", "above", "below", "right", "left"])
-    if beside in ("above", "below"):
-        other = float(rng.uniform(0.15, 0.35))
-        part = height / (height + other)
-        rows = (1.0 - part, part) if beside == "above" else (part, 1.0 - part)
-        row = 1 if beside == "above" else 0
-        height += other
-    elif beside in ("right", "left"):
-        columns, column, width = (0.5, 0.5), int(beside == "left"), 2.0 * width
-    size = np.array([width, rng.uniform(0.30, 0.5), height])
-    return size, rows, columns, (row, column)
-
-
-def _lever_m(hinge: Hinge, layout: _Layout) -> float:
-    size, rows, columns, (row, column) = layout
-    return float(size[0] * columns[column] if hinge in ("left", "right") else size[2] * rows[row])
-
-
-def _clear_edge(hinge: Hinge | None, layout: _Layout) -> _Layout:
-    """The layout with nothing beside the part's free edge: alone in its row, or the topmost."""
-    size, rows, columns, (row, column) = layout
-    if hinge in ("left", "right"):
-        return size * [columns[column], 1.0, 1.0], rows, (1.0,), (row, 0)
-    rest = tuple(share for i, share in enumerate(rows) if i != row)
-    return size, (rows[row], *rest), columns, (0, column)
+def fitted(handle: HandleSpec, upright: bool, front_m: tuple[float, float]) -> HandleSpec:
+    """The handle, no longer than its front has room for."""
+    if handle.style in ("knob", "lip", "edge"):
+        return handle
+    room = front_m[1 if upright else 0] - 2.0 * END_M
+    return replace(handle, length_m=float(min(handle.length_m, max(room, HANDLE_MIN_M))))
 
 
 def _edge(key: tuple[int, ...]) -> HandleSpec:

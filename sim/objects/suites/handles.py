@@ -11,7 +11,8 @@ import numpy as np
 
 from akm_fg.records import FloatArray
 from sim.objects.meshes import Box
-from sim.objects.suites.furniture_spec import FurnitureSpec, HandleSpec
+from sim.objects.part_spec import Hinge
+from sim.objects.suites.furniture_spec import FurnitureSpec, HandleSpec, handle_spot
 
 POST_M = 0.012  # thickness of what joins a bar to the front
 # Columns: the handle's x, y and z in the object frame; y of the object points into the front.
@@ -23,57 +24,68 @@ R_EDGE = {
     "right": np.array([[0, 0, 1.0], [0, 1.0, 0], [-1.0, 0, 0]]),
     "above": np.array([[-1.0, 0, 0], [0, 1.0, 0], [0, 0, -1.0]]),
 }
+BAR_END_M = 0.02  # from the end of a bar to the edge of its front
 EDGE_GRIP_M = 0.018  # from the edge to the middle of what the fingers pinch
 
 
 def handle_pose(spec: FurnitureSpec, lower: FloatArray, upper: FloatArray) -> gtsam.Pose3:
-    """T_part_handle on a front with the corners `lower` and `upper` (3,), in the part's frame."""
-    handle, middle = spec.handle, (lower + upper) / 2.0
-    half = (upper - lower) / 2.0
+    """T_part_handle on the free front with the corners `lower` and `upper` (3,), part's frame."""
+    return pose_on_front(spec, spec.hinge, spec.handle, lower, upper)
+
+
+def pose_on_front(
+    spec: FurnitureSpec,
+    hinge: Hinge | None,
+    handle: HandleSpec,
+    lower: FloatArray,
+    upper: FloatArray,
+) -> gtsam.Pose3:
+    """T_front_handle in the manner of the object.
+
+    Args:
+        spec: the object.
+        hinge: of the front, or what it looks like it had.
+        handle: the one that goes there.
+        lower: (3,) corner of the front, in the frame that is asked for.
+        upper: (3,) the opposite corner.
+    """
     if handle.style == "edge":
-        return _edge_pose(spec, lower, upper)
-    upright = spec.hinge in ("left", "right") or spec.family == "sliding"
-    room = half[2 if upright else 0] - handle.length_m / 2.0 - 0.02
-    slide = handle.along * max(float(room), 0.0)
-    edge = min(handle.edge_m, float(half[0 if upright else 2]))
-    p_part = np.array([middle[0], lower[1] - handle.reach_m, middle[2]])
-    if upright:
-        p_part[2] += slide
-        if spec.family != "sliding":  # there it stands in the middle: the hand fits the recess
-            p_part[0] = upper[0] - edge if spec.hinge == "left" else lower[0] + edge
-    else:
-        p_part[0] += slide
-        p_part[2] = _level(spec, lower, upper, edge)
-    return gtsam.Pose3(gtsam.Rot3(R_UPRIGHT if upright else R_LYING), p_part)
+        return _edge_pose(spec, hinge, lower, upper)
+    half, p_front = (upper - lower) / 2.0, (lower + upper) / 2.0
+    p_front[1] = lower[1] - handle.reach_m
+    if handle.style == "lip":  # all along one edge, the free one's
+        inset = handle.thickness_m / 2.0
+        p_front[0] += handle.along * _room(half[0], handle.length_m / 2.0 + BAR_END_M)
+        p_front[2] = lower[2] + inset if spec.hinge == "top" else upper[2] - inset
+        return gtsam.Pose3(gtsam.Rot3(R_LYING), p_front)
+    spot = handle_spot(handle, spec.looks, hinge, spec.family)
+    bar, across = handle.length_m / 2.0 + BAR_END_M, handle.edge_m
+    p_front[0] += spot.right * _room(half[0], across if spot.upright else bar)
+    p_front[2] += spot.up * _room(half[2], bar if spot.upright else across)
+    return gtsam.Pose3(gtsam.Rot3(R_UPRIGHT if spot.upright else R_LYING), p_front)
 
 
-def _level(spec: FurnitureSpec, lower: FloatArray, upper: FloatArray, edge: float) -> float:
-    """Height of a lying handle on its front."""
-    if spec.handle.style == "lip":  # grows out of the free edge
-        inset = spec.handle.thickness_m / 2.0
-        return float(lower[2] + inset if spec.hinge == "top" else upper[2] - inset)
-    if spec.hinge == "top":
-        return float(lower[2] + edge)
-    if spec.hinge == "bottom":
-        return float(upper[2] - edge)
-    return float(max(upper[2] - 1.3 * edge, (lower[2] + upper[2]) / 2.0))
+def _room(half_m: float, needed_m: float) -> float:
+    return max(float(half_m) - needed_m, 0.0)
 
 
-def _edge_pose(spec: FurnitureSpec, lower: FloatArray, upper: FloatArray) -> gtsam.Pose3:
+def _edge_pose(
+    spec: FurnitureSpec, hinge: Hinge | None, lower: FloatArray, upper: FloatArray
+) -> gtsam.Pose3:
     """T_part_handle where the fingers pinch a board that stands over at its free edge."""
     handle, p_part = spec.handle, (lower + upper) / 2.0
     p_part[1] = lower[1] + handle.thickness_m / 2.0
     out = _overhang_m(spec) - EDGE_GRIP_M
-    upright = spec.hinge in ("left", "right")
+    upright = hinge in ("left", "right")
     room = (upper - lower)[2 if upright else 0] / 2.0 - handle.length_m / 2.0
     p_part[2 if upright else 0] += handle.along * max(float(room), 0.0)
-    if spec.hinge == "left":
+    if hinge == "left":
         p_part[0] = upper[0] + out
-    elif spec.hinge == "right":
+    elif hinge == "right":
         p_part[0] = lower[0] - out
     else:
         p_part[2] = upper[2] + out
-    return gtsam.Pose3(gtsam.Rot3(R_EDGE[str(spec.hinge) if upright else "above"]), p_part)
+    return gtsam.Pose3(gtsam.Rot3(R_EDGE[str(hinge) if upright else "above"]), p_part)
 
 
 def _overhang_m(spec: FurnitureSpec) -> float:
@@ -81,12 +93,14 @@ def _overhang_m(spec: FurnitureSpec) -> float:
     return spec.handle.reach_m + spec.wall_m
 
 
-def edge_strip(spec: FurnitureSpec, lower: FloatArray, upper: FloatArray) -> Box:
+def edge_strip(
+    spec: FurnitureSpec, hinge: Hinge | None, lower: FloatArray, upper: FloatArray
+) -> Box:
     """What a front without a handle has more than other fronts: its board, standing over."""
     reach, thickness = _overhang_m(spec), spec.handle.thickness_m
     low, high = lower.copy(), upper.copy()
     high[1] = lower[1] + thickness
-    match spec.hinge:
+    match hinge:
         case "left":
             low[0], high[0] = upper[0], upper[0] + reach
         case "right":

@@ -8,6 +8,8 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Protocol
 
+import numpy as np
+
 from akm_fg.records import FloatArray
 from sim.objects.meshes import Box, inertia_of_boxes, write_textured_boxes
 
@@ -44,6 +46,7 @@ def write_urdf(
     origin: FloatArray,
     axis: FloatArray,
     folder: Path,
+    one_grain: bool = False,
 ) -> Path:
     """Writes `object.urdf` and one mesh for each link and material into `folder`.
 
@@ -57,9 +60,12 @@ def write_urdf(
         origin: (3,) of the part's frame in the object frame.
         axis: (3,) of the joint.
         folder: where to.
+        one_grain: the part's textures go on where the corpus' end, so that its front cannot be
+            told from others; else they begin anew with the part's frame.
     """
     still = _link("corpus", corpus, CORPUS_KG, folder)
-    moving = _link("part", part, spec.mass_kg, folder)
+    grain = origin if one_grain else np.zeros(3)
+    moving = _link("part", part, spec.mass_kg, folder, grain)
     return write_object(spec.name, still, moving, joint_element(spec, origin, axis), folder)
 
 
@@ -91,13 +97,19 @@ def _unseen(link: ET.Element) -> ET.Element:
     return unseen
 
 
-def _link(name: str, boxes: Sequence[Box], mass_kg: float, folder: Path) -> ET.Element:
+def _link(
+    name: str,
+    boxes: Sequence[Box],
+    mass_kg: float,
+    folder: Path,
+    p_grain: FloatArray | None = None,
+) -> ET.Element:
     link = ET.Element("link", name=name)
     link.append(inertial_element(mass_kg, *inertia_of_boxes(boxes, mass_kg)))
     for material in sorted({box.material for box in boxes}):
         mesh = folder / f"{name}_{material}.obj"
         chosen = [box for box in boxes if box.material == material]
-        write_textured_boxes(mesh, chosen, f"{material}.png", split_m=0.2)
+        write_textured_boxes(mesh, chosen, f"{material}.png", split_m=0.2, p_grain=p_grain)
         geometry = ET.SubElement(ET.SubElement(link, "visual"), "geometry")
         ET.SubElement(geometry, "mesh", filename=mesh.name)
     for box in boxes:

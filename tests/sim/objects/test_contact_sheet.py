@@ -35,7 +35,7 @@ def test_objects_stand_in_rows_closed_left_of_open_under_their_names():
 def test_a_cell_shows_the_object_closed_and_open_and_what_it_is():
     spec = find_suite("furniture-dev").load("drawer-001")
     cell = take_cell(spec, 0, SMALL)
-    assert cell.label == label_of(spec) == "drawer-001 chest, rod"
+    assert cell.label == label_of(spec) == "drawer-001 chest, arch"
     assert cell.opened is not None and cell.closed.shape == (60, 80, 3)
     assert (np.abs(cell.opened.astype(int) - cell.closed) > 20).any(axis=2).mean() > 0.05
 

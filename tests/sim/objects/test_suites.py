@@ -79,9 +79,7 @@ def test_a_share_of_the_objects_is_caught_or_closes_itself_and_a_child_can_open_
         to_beat = spec.friction + (spec.catch.force if spec.catch else 0.0)
         to_beat += spec.closer.pulls(0.0) if spec.closer else 0.0
         # At the handle of a door, which is at most 8 cm from the free edge.
-        row, column = spec.part_at
-        across = spec.size_m[0] * spec.columns[column], spec.size_m[2] * spec.rows[row]
-        lever = across[0] if spec.hinge in ("left", "right") else across[1]
+        lever = spec.front_m[0 if spec.hinge in ("left", "right") else 1]
         assert to_beat < PULL_N * (1.0 if spec.hinge is None else lever - 0.08), spec.name
 
 
@@ -150,7 +148,7 @@ def test_without_a_handle_the_board_stands_over_its_carcass_where_fingers_pinch_
     spec = load_spec(name, 0)
     body = make_body(spec)
     lower, upper = body.front()
-    strip = edge_strip(spec, lower, upper)
+    strip = edge_strip(spec, spec.hinge, lower, upper)
     T_part_handle = handle_pose(spec, lower, upper)
     assert handle_boxes(spec.handle, T_part_handle) == []
     p_strip = strip.T_link_box.transformTo(T_part_handle.translation())
@@ -171,7 +169,8 @@ def test_nothing_stands_beside_the_free_edge_of_a_front_without_handle(suite: st
     bare = [spec for spec in find_suite(suite) if spec.handle.style == "edge"]
     assert len(bare) >= 4
     for spec in bare:
-        beside = len(spec.columns) if spec.hinge in ("left", "right") else spec.part_at[0] + 1
+        upright = spec.hinge in ("left", "right")
+        beside = len(spec.face.columns) if upright else spec.face.fronts[0].top + 1
         assert beside == 1, spec.name  # alone in its row, or the topmost
 
 
