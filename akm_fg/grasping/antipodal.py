@@ -55,7 +55,9 @@ class AntipodalConfig:
 
 
 @dataclass(frozen=True, slots=True)
-class _Scored:
+class ScoredGrasp:
+    """A grasp with what speaks for and against it."""
+
     T: FloatArray  # (4, 4)
     quality: float
     width_m: float
@@ -91,7 +93,7 @@ class AntipodalSampler:
         mask: BoolArray,
         p_world_contact: FloatArray,
         normal_world: FloatArray,
-    ) -> list[_Scored]:
+    ) -> list[ScoredGrasp]:
         """The same with what speaks for each."""
         c = self.config
         normal = _unit(normal_world)
@@ -103,7 +105,7 @@ class AntipodalSampler:
             return []
         hand = HandCollisions(cloud.voxels(c.voxel_m, c.voxel_points), c.voxel_m, self._description)
         found.sort(key=lambda scored: -scored.quality)
-        kept: list[_Scored] = []
+        kept: list[ScoredGrasp] = []
         for scored in found:
             if len(kept) < c.most and not self._known(scored, kept) and hand.free(scored.T):
                 kept.append(scored)
@@ -111,7 +113,7 @@ class AntipodalSampler:
 
     def _around(
         self, cloud: LocalCloud, p_world: FloatArray, normal: FloatArray
-    ) -> Iterator[_Scored]:
+    ) -> Iterator[ScoredGrasp]:
         """Grasps of what sticks out at the contact, both ways up."""
         c = self.config
         points = cloud.near(p_world, c.shape_m)
@@ -137,7 +139,7 @@ class AntipodalSampler:
 
     def _edges(
         self, cloud: LocalCloud, p_world: FloatArray, normal: FloatArray
-    ) -> Iterator[_Scored]:
+    ) -> Iterator[ScoredGrasp]:
         """Grasps of a board's free edge near the contact, both ways up."""
         c = self.config
         points = cloud.near(p_world, c.shape_m)
@@ -149,15 +151,15 @@ class AntipodalSampler:
 
     def _score(
         self, T: FloatArray, between: Closing | None, tilt: float, cloud: LocalCloud
-    ) -> _Scored:
+    ) -> ScoredGrasp:
         c = self.config
         width = between.width_m if between else c.edges.board_m
         places = _finger_places(c.fingers) @ T[:3, :3].T + T[:3, 3]
         hidden = float(cloud.hidden(places, c.slack_m).mean())
         evidence = GraspEvidence(between, tilt, hidden, width / max(cloud.pixel_m, 1e-6))
-        return _Scored(T, holds(evidence, c.weights), width, evidence)
+        return ScoredGrasp(T, holds(evidence, c.weights), width, evidence)
 
-    def _known(self, one: _Scored, kept: list[_Scored]) -> bool:
+    def _known(self, one: ScoredGrasp, kept: list[ScoredGrasp]) -> bool:
         """Whether there is a grasp like it already."""
         c = self.config
         for other in kept:

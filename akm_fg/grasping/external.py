@@ -8,7 +8,7 @@ to write. It reads an npz with
     contact_cam (3,), normal_cam (3,) out of the object; T_world_cam (4, 4); max_width_m ();
 
 and writes JSON: `{"grasps": [{"T_cam_grasp": [[4x4]], "score": 0..1, "width_m": 0.02}]}`, poses of
-the point between the fingertips with z the way of the approach and y along the fingers' opening.
+the point between the fingertips, z the way of the approach and y along the fingers' opening.
 (AnyGrasp's own axes are x approach, y opening, and its depth goes along x: a wrapper turns them.)
 """
 

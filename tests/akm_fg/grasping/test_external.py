@@ -21,8 +21,8 @@ GRASPS = """
     assert off.min() < 0.01
     z = -asked["normal_cam"]
     y = np.cross(z, [0.3, 0.4, 0.5]); y /= np.linalg.norm(y)
-    T = np.eye(4); T[:3, :3] = np.column_stack([np.cross(y, z), y, z])
-    T[:3, 3] = asked["contact_cam"]
+    T = np.eye(4)
+    T[:3, :3], T[:3, 3] = np.column_stack([np.cross(y, z), y, z]), asked["contact_cam"]
     far = T.copy(); far[0, 3] += 1.0
     grasps = [{"T_cam_grasp": t.tolist(), "score": s, "width_m": 0.02}
               for t, s in ((T, 0.4), (T, 1.7), (far, 0.9))]
