@@ -49,7 +49,7 @@ class AntipodalConfig:
     voxel_m: float = 0.005
     voxel_points: int = 2
     slack_m: float = 0.01  # behind what is seen, a place is hidden
-    same_m: float = 0.004  # grasps nearer than this and
+    same_m: float = 0.012  # grasps nearer than this and
     same_rad: float = 0.3  # turned by less are one
     most: int = 20
 

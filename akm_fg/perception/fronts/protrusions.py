@@ -41,7 +41,7 @@ def protrusions(
     """What sticks out of fronts.
 
     Args:
-        cloud: all points of the picture: segmenters lose what is thin.
+        cloud: the points in the outline of the object: segmenters lose what is thin.
         fronts: all of them.
         mask: (H, W) the object; outside of it counts what is straight over a front.
         taken: (H, W) pixels that show any plane.
