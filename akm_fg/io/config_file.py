@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from akm_fg.errors import InputError, OutputError
-from akm_fg.io.config_refusals import NONE, at, refused, unknown
+from akm_fg.io.files.config_refusals import NONE, at, refused, unknown
 
 if TYPE_CHECKING:
     from _typeshed import DataclassInstance

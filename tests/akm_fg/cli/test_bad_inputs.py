@@ -278,7 +278,7 @@ def _others(folder: Path) -> dict[str, tuple[Path, str]]:
         "an array as archive": ("array.npz", b"\x93NUMPY\x01\x00", "looks like a NumPy array"),
         "HDF5 as archive": ("hdf.npz", b"\x89HDF\r\n", "looks like an HDF5 file"),
         "a spoilt archive": ("spoilt.npz", data[:200] + b"\xff" * 9 + data[209:], "is damaged"),
-        "a bag": ("a.bag", b"#ROSBAG", "ends in '.bag'"),
+        "a bag": ("a.bag", b"#ROSBAG", "does not begin as a .bag file does"),
         "a film": ("a.mp4", b"\0\0\0 ftyp", "ends in '.mp4'"),
         "no ending": ("README", b"1 2 3\n", "has no ending"),
         "an array": ("a.npy", b"\x93NUMPY", "ends in '.npy'"),

@@ -65,8 +65,8 @@ def open_source(path: Path, options: SourceOptions) -> Source:
     if lens is None and described is not None:
         lens = described_lens(*described, size)
     if lens is None:
-        problem = "holds pictures, but no recording.json and no .json with `intrinsic_matrix`"
-        raise InputError(path, problem, f"a camera file as Open3D writes it, or {INTRINSICS}")
+        problem = "is missing, and so is a camera file (.json with `intrinsic_matrix`)"
+        raise InputError(path / "recording.json", problem, f"one of them, or {INTRINSICS}")
     width, height = first_size(depth)
     if (width, height) != size:
         problem = f"is {width}x{height}, colour {size[0]}x{size[1]}"

@@ -382,11 +382,12 @@ NEEDS = {
 }
 
 
-@pytest.fixture(params=WRITERS)
-def written(request, tmp_path, mm_door):
+@pytest.fixture(scope="session", params=WRITERS)
+def written(request, tmp_path_factory, mm_door):
     """Path and name of the door in each format."""
     pytest.importorskip(NEEDS.get(request.param, "numpy"))
-    return WRITERS[request.param](tmp_path / "door", mm_door), request.param
+    folder = tmp_path_factory.mktemp(request.param)
+    return WRITERS[request.param](folder / "door", mm_door), request.param
 
 
 @pytest.fixture(scope="session")
