@@ -361,3 +361,16 @@ def drawer_model(drawer):
     from akm_fg.pipeline import fit_recording
 
     return build_model(FittedRecording.of(drawer.recording, fit_recording(drawer.recording)))
+
+
+@pytest.fixture(scope="session")
+def walk() -> Recording:
+    """A camera that goes round a cabinet that stands still."""
+    frames = []
+    for i, y in enumerate((-0.5, -0.2, 0.1, 0.4)):
+        scene = Cabinet("revolute", eye=(1.3 - 0.1 * i, y, 0.9 + 0.05 * i))
+        rgb, depth, _ = render(scene.camera, scene.T_world_cam, scene.at(0.0))
+        image = np.clip(rgb, 0, 255).astype(np.uint8)
+        known = np.where(np.isfinite(depth), depth, np.nan).astype(np.float32)
+        frames.append(RgbdFrame(0.1 * i, image, known, scene.camera, scene.T_world_cam))
+    return Recording("walk", tuple(frames))

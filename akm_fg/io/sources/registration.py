@@ -22,6 +22,7 @@ COARSER = 1.9  # times, from which colour is reduced
 EDGE_RATIO = 1.03  # of depths around a ray: beyond, they are two surfaces
 ROUNDS = 6  # of looking along a ray; each is off by a fifth of the one before, or less
 CONVERGED = 2e-3  # of the depth
+NOTHING_M = 1e6  # where no depth was found
 HIDDEN = 1.03  # times the depth that is seen there: behind it
 
 
@@ -105,11 +106,11 @@ class Registration:
         uv = np.rint(self.camera.project(points)).astype(np.int64)
         height, width = self.camera.height, self.camera.width
         inside = (uv >= 0).all(1) & (uv[:, 0] < width) & (uv[:, 1] < height)
-        front = np.full((height, width), np.inf)
+        front = np.full((height, width), NOTHING_M)
         np.minimum.at(front, (uv[inside, 1], uv[inside, 0]), points[inside, 2])
         reach = int(np.ceil(self.camera.fx / self._depth.camera.fx))
         front = cv2.erode(front, np.ones((2 * reach + 1, 2 * reach + 1), np.uint8))
-        return np.where(np.isfinite(front), front, np.nan)
+        return np.where(front < NOTHING_M, front, np.nan)
 
 
 def _is_same(T: gtsam.Pose3) -> bool:
