@@ -374,3 +374,13 @@ def walk() -> Recording:
         known = np.where(np.isfinite(depth), depth, np.nan).astype(np.float32)
         frames.append(RgbdFrame(0.1 * i, image, known, scene.camera, scene.T_world_cam))
     return Recording("walk", tuple(frames))
+
+
+@pytest.fixture(scope="session")
+def render_view():
+    """Noise-free depth (H, W) of the closed door's cabinet: render_view(camera, T_world_cam)."""
+
+    def view(camera: PinholeCamera, T_world_cam: gtsam.Pose3) -> np.ndarray:
+        return render(camera, T_world_cam, Cabinet("revolute").at(0.0))[1]
+
+    return view
