@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 import numpy as np
 import tyro
 
+from akm_fg.cli.console.lines import console
 from akm_fg.cli.exit_codes import DONE
 from akm_fg.cli.output import json_output, write_line
 from akm_fg.errors import InputError
@@ -175,18 +176,14 @@ def _write(
 
 
 def _print(result: HandEyeCalibration, truth: Path | None) -> None:
-    from rich.console import Console
-
     from akm_fg.calibration.table import calibration_table, score_line
 
-    console = Console()
-    if not console.is_terminal:
-        console = Console(width=120)
-    console.print(calibration_table(result))
+    out = console()
+    out.print(calibration_table(result))
     seen, corners = len(result.views), sum(len(view.uv) for view in result.views)
-    console.print(
+    out.print(
         f"{corners} corners in {seen} views, {result.rms_px:.3f} px rms; noise scale of a "
         f"corner's coordinate {result.corner_scale_px:.3f} px"
     )
     if truth is not None:
-        console.print(score_line(result, truth))
+        out.print(score_line(result, truth))

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import importlib.util
 import json as json_module
-import sys
 import time
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,11 +11,13 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from akm_fg.cli.console.lines import complain, console
 from akm_fg.cli.exit_codes import DONE, GOAL_NOT_REACHED, INTERRUPTED
 from akm_fg.cli.object_argument import ObjectArgument, parse_object
 from akm_fg.cli.output import json_output, write_line
 from akm_fg.cli.target import Unit, parse_target
 from akm_fg.errors import GraspFailed, InputError, MissingDependency, OutputError
+from akm_fg.report.wording import printable
 
 if TYPE_CHECKING:
     from akm_fg.cli.demo_config import DemoConfig
@@ -118,7 +119,7 @@ def run_demo(
         try:
             summary, interrupted = run_in_simulator(request, observer)
         except GraspFailed as error:
-            print(f"akm-fg: {error}", file=sys.stderr)
+            complain(str(error))
             return DemoRun(folder, None, GOAL_NOT_REACHED)
         summary.time_s["total"] = time.perf_counter() - began
         _write(folder, summary, config)
@@ -159,6 +160,10 @@ def wanted_state(
             f"{arguments.target} is not for {arguments.object}, whose joint is {spec.kind}",
             "degrees (35deg)" if turns else "metres (0.25)",
         )
+    if not 0.0 <= target <= spec.upper:
+        end = f"{np.degrees(spec.upper):.0f}deg" if turns else f"{spec.upper:.2f}"
+        told = f"{arguments.target} is outside the range of {arguments.object}"
+        raise InputError("--target", told, f"0 to {end}")
     return {spec.kind: target}
 
 
@@ -206,18 +211,15 @@ def _write(folder: Path, summary: RunSummary, config: DemoConfig) -> None:
 
 
 def _print(summary: RunSummary, folder: Path) -> None:
-    from rich.console import Console
-
     from akm_fg.report.tables import score_table
 
-    console = Console()
-    if not console.is_terminal:
-        console = Console(width=120)
+    out = console()
     if summary.posterior is not None:
-        console.print(score_table(summary))
+        out.print(score_table(summary, plain=out.options.ascii_only))
     if summary.failure is not None:
-        console.print(f"not reached: {summary.failure}")
-    console.print(f"report: {folder / 'report.html'}", soft_wrap=True)
+        out.print(f"not reached: {summary.failure}", soft_wrap=True, markup=False)
+    report = printable(str(folder / "report.html"))
+    out.print(f"report: {report}", soft_wrap=True, markup=False)
 
 
 def _as_dict(name: str, summary: RunSummary) -> dict[str, Any]:

@@ -9,6 +9,7 @@ import platform
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 
+from akm_fg.cli.console.lines import console
 from akm_fg.cli.exit_codes import BAD_INPUT, DONE
 from akm_fg.cli.output import json_output, write_line
 from akm_fg.errors import AkmError
@@ -145,7 +146,6 @@ def doctor(arguments: DoctorArguments, packages: Sequence[Package] = PACKAGES) -
 
 
 def _print(findings: list[Finding], drawn_by: str, described_by: str) -> None:
-    from rich.console import Console
     from rich.table import Table
 
     from akm_fg import __version__
@@ -156,11 +156,11 @@ def _print(findings: list[Finding], drawn_by: str, described_by: str) -> None:
         if finding.problem:
             state = f"{finding.problem}{' (optional)' if finding.optional else ''}"
         table.add_row(finding.package, finding.version or "-", state, finding.needed_for)
-    console = Console()
-    console.print(f"akm-fg {__version__}, Python {platform.python_version()}, {platform.system()}")
-    console.print(table)
-    console.print(f"Simulated camera drawn by: {drawn_by}")
-    console.print(f"Arm described by: {described_by}", markup=False, soft_wrap=True)
+    out = console()
+    out.print(f"akm-fg {__version__}, Python {platform.python_version()}, {platform.system()}")
+    out.print(table)
+    out.print(f"Simulated camera drawn by: {drawn_by}")
+    out.print(f"Arm described by: {described_by}", markup=False, soft_wrap=True)
     absent = sorted({f.needed_for for f in findings if f.problem and f.optional})
     for what in absent:
-        console.print(f"Without the above, {what} does not run; the estimator does.")
+        out.print(f"Without the above, {what} does not run; the estimator does.")

@@ -104,6 +104,8 @@ Example: akm-fg fit recordings/* tracks.npz door.log --json posteriors.jsonl
 
 Exit codes: 0 done; 1 ran, but the goal was not reached or a kind is undecided; 2 bad input (the
 others are done); 130 interrupted (what was done is kept). akm-fg --version says which this is.
+
+Completion: eval "$(akm-fg --tyro-print-completion bash)" (or zsh, tcsh).
 """
 
 

@@ -5,17 +5,18 @@ from __future__ import annotations
 import importlib.util
 import json as json_module
 import math
-import sys
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from akm_fg.cli.console.lines import complain, console
 from akm_fg.cli.exit_codes import BAD_INPUT, DONE
 from akm_fg.cli.object_argument import check_scale
 from akm_fg.cli.output import json_output, write_line
 from akm_fg.errors import MissingDependency
+from akm_fg.report.wording import printable
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -27,6 +28,9 @@ if TYPE_CHECKING:
     from sim.objects.suites.furniture_spec import FurnitureSpec
 
     Spec = FurnitureSpec | HouseholdSpec | ImportedSpec
+
+WIDE = 130  # columns, from which all of a listing is shown
+NAME_WIDTH = 24  # of the suites' names
 
 
 @dataclass(frozen=True)
@@ -71,7 +75,7 @@ def objects(arguments: ObjectsArguments) -> int:
     if arguments.json != "-":
         _print(listing)
     for bad in listing.skipped:
-        print(f"akm-fg: left out: {bad.problem}", file=sys.stderr)
+        complain(f"left out: {bad.problem}")
     return BAD_INPUT if listing.skipped else DONE
 
 
@@ -143,39 +147,45 @@ def _closer(closer: Closer | None) -> dict[str, float | None] | None:
 
 
 def _print(listing: Listing) -> None:
-    from rich.console import Console
-
-    console = Console()
-    if not console.is_terminal:
-        console = Console(width=160)
-    console.print(_table(listing))
+    out = console()
+    out.print(_table(listing, wide=out.width >= WIDE))
     slides = sum(spec.kind == "prismatic" for spec in listing.specs)
     turns = len(listing.specs) - slides
-    console.print(
+    out.print(
         f"{listing.suite}: {slides} prismatic, {turns} revolute; for {listing.split}",
         soft_wrap=True,
     )
 
 
-def _table(listing: Listing) -> Table:
+def _table(listing: Listing, wide: bool) -> Table:
+    """One row an object; family, surface and split only where there is room for them."""
     from rich.table import Table
+    from rich.text import Text
 
-    table = Table()
-    table.add_column("object", overflow="fold")  # a path may be long, and is needed whole
-    for title in ("kind", "range", "hinge", "family", "w x d x h, cm", "handle"):
-        table.add_column(title)
-    for title in ("held closed", "surface", "split"):
+    table = Table(box=None, padding=(0, 2 if wide else 1, 0, 0))
+    longest = max((len(spec.name) for spec in listing.specs), default=0)
+    # A path may be long, and is needed whole.
+    table.add_column("object", overflow="fold", min_width=min(longest, NAME_WIDTH))
+    for title in ("joint", "w x d x h, cm"):
+        table.add_column(title, no_wrap=True)
+    for title in ("handle", "held closed", *(("family", "surface", "split") if wide else ())):
         table.add_column(title)
     for spec in listing.specs:
-        prismatic = spec.kind == "prismatic"
-        end = f"{100.0 * spec.upper:.0f} cm" if prismatic else f"{np.degrees(spec.upper):.0f} deg"
         size = " x ".join(f"{100.0 * side:.0f}" for side in spec.size_m)
         handle = spec.handle.style if getattr(spec.handle, "fits", True) else "none to grip"
-        looks = (spec.hinge or "-", spec.family.replace("_", " "), size, handle)
-        finish = getattr(spec, "finish", "its own")
-        row = (spec.name, spec.kind, f"0 to {end}", *looks, _held(spec), finish, spec.split)
-        table.add_row(*row)
+        row = [spec.name, _joint(spec), size, handle, _held(spec)]
+        if wide:
+            finish = getattr(spec, "finish", "its own")
+            row += [spec.family.replace("_", " "), finish, spec.split]
+        table.add_row(*(Text(printable(cell)) for cell in row))
     return table
+
+
+def _joint(spec: Spec) -> str:
+    """Kind, hinge and range: `revolute left, 90 deg`."""
+    if spec.kind == "prismatic":
+        return f"prismatic, {100.0 * spec.upper:.0f} cm"
+    return f"{spec.kind} {spec.hinge}, {np.degrees(spec.upper):.0f} deg"
 
 
 def _held(spec: Spec) -> str:

@@ -86,9 +86,9 @@ def _notes(posterior: ArticulationPosterior) -> str:
     return "; ".join(notes)
 
 
-def score_table(summary: RunSummary) -> Table:
+def score_table(summary: RunSummary, plain: bool = False) -> Table:
     """The run's quantities: estimate, 95 % bound, true error; green inside, red outside."""
-    return rows_table(summary.title, score_rows(summary))
+    return rows_table(summary.title, score_rows(summary), plain)
 
 
 def rows_table(title: str, rows: Sequence[Row], plain: bool = False) -> Table:

@@ -118,6 +118,14 @@ def test_a_target_of_the_wrong_unit_names_the_kind(chest: Path, capfd):
     assert "whose joint is prismatic; expected metres (0.25)" in told(capfd, *arguments)
 
 
+@pytest.mark.parametrize("target", ["-0.05", "0.9", "-10deg", "200deg"])
+def test_a_target_outside_the_range_is_told_before_anything_runs(target: str, capfd, tmp_path):
+    name = "door" if target.endswith("deg") else "drawer"
+    said = told(capfd, "--object", name, f"--target={target}", "--out", str(tmp_path / "runs"))
+    assert f"{target} is outside the range of {name}; expected 0 to " in said
+    assert not (tmp_path / "runs").exists()
+
+
 def test_what_cannot_be_parsed_is_an_input_error():
     with pytest.raises(InputError, match="no suite's object"):
         parse_object("")

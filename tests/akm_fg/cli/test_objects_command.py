@@ -105,6 +105,15 @@ def test_the_table_names_every_object_and_says_what_the_suite_is_for(capfd, tmp_
     names = [o["name"] for o in json.loads(out.read_text())["objects"]]
     assert len(names) == 40 and all(name in printed for name in names)
     assert "20 prismatic, 20 revolute; for dev" in printed
+    assert max(len(line.rstrip()) for line in printed.splitlines()) <= 80
+
+
+def test_a_wide_terminal_shows_family_surface_and_split_too(capfd, monkeypatch):
+    assert main(["objects"]) == 0
+    assert "surface" not in capfd.readouterr().out
+    monkeypatch.setenv("COLUMNS", "150")
+    assert main(["objects"]) == 0
+    assert "surface" in capfd.readouterr().out
 
 
 def test_the_seed_scales_the_objects(capfd):
