@@ -92,8 +92,8 @@ def place_furniture(
         T_world_object, floor_m, plinth_m = _candidate(built, rng, config)
         if floor_m < -config.pedestal_max_m or plinth_m > config.plinth_max_m:
             continue
-        for T_object_grasp in _grasps(built, spec, config):
-            if _can_open(built, T_world_object, T_object_grasp, kinematics, config):
+        for T_object_grasp in grasps_at_handle(built, spec, config):
+            if can_open(built, T_world_object, T_object_grasp, kinematics, config):
                 T_world_grasp = T_world_object * T_object_grasp
                 return Placement(T_world_object, T_world_grasp, floor_m, plinth_m)
     raise MotionInfeasible(
@@ -112,7 +112,7 @@ def _candidate(
     return gtsam.Pose3(R, np.array([x, y, z]) - offset), min(bottom, 0.0), max(bottom, 0.0)
 
 
-def _grasps(
+def grasps_at_handle(
     built: BuiltObject, spec: PlaceableSpec, config: FurniturePlaceConfig
 ) -> list[gtsam.Pose3]:
     """T_object_grasp at the closed handle: both ways up, straight on first.
@@ -129,13 +129,14 @@ def _grasps(
     ]
 
 
-def _can_open(
+def can_open(
     built: BuiltObject,
     T_world_object: gtsam.Pose3,
     T_object_grasp: gtsam.Pose3,
     kinematics: FrankaKinematics,
     config: FurniturePlaceConfig,
 ) -> bool:
+    """Whether the Franka, held by nothing but its joints, follows a grasp as far as is asked."""
     T_world_grasp = T_world_object * T_object_grasp
     full = config.opening_m if built.spec.kind == "prismatic" else config.opening_rad
     full = min(full, built.spec.upper)
