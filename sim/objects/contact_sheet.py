@@ -2,7 +2,8 @@
 
     python -m sim.objects.contact_sheet --suite furniture-116 --out docs/images/furniture-116.jpg
 
-The robot is out of the picture; the view is the one that `sim.episode.open_world` takes.
+The robot is out of the picture; the view is the one that `sim.episode.open_world` takes for the
+placement: on the hinge's side for `reachable`, fixed beside the base for `published`.
 An object that cannot be built gets a cell that says so, and the page goes on without it.
 """
 
@@ -24,10 +25,11 @@ from numpy.typing import NDArray
 from rich.console import Console
 from rich.progress import track
 
-from akm_fg.errors import AkmError, OutputError
+from akm_fg.errors import AkmError, InputError, OutputError
 from sim.bullet import p
 from sim.camera.camera import CameraConfig
 from sim.episode import SimEpisode, open_world
+from sim.objects.staging import PlacementMode
 from sim.objects.suites.catalogue import SUITES
 from sim.objects.suites.furniture_spec import FurnitureSpec
 
@@ -79,6 +81,16 @@ World = Callable[[str, int, CameraConfig], AbstractContextManager[SimEpisode]]
 def clean_world(name: str, seed: int, camera: CameraConfig) -> AbstractContextManager[SimEpisode]:
     """As `open_world`, seen by a camera without noise."""
     return open_world(name, seed, "clean", camera_config=camera)
+
+
+def published_world(
+    name: str, seed: int, camera: CameraConfig
+) -> AbstractContextManager[SimEpisode]:
+    """Where the paper puts the object, seen by its fixed camera without noise."""
+    return open_world(name, seed, "clean", camera_config=camera, placement="published")
+
+
+WORLDS: dict[PlacementMode, World] = {"reachable": clean_world, "published": published_world}
 
 
 def take_cell(
@@ -165,12 +177,12 @@ def write_sheet(path: Path, page: Rgb, config: SheetConfig) -> None:
         raise OutputError(f"{path}: cannot be written")
 
 
-def main(arguments: Sequence[str] | None = None, world: World = clean_world) -> int:
+def main(arguments: Sequence[str] | None = None, world: World | None = None) -> int:
     """Run the command; 1 if an object had to be left out, 2 if nothing could be done.
 
     Args:
         arguments: of the command line.
-        world: opens the worlds that are shown.
+        world: opens the worlds that are shown; those of the placement if absent.
     """
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
@@ -179,13 +191,20 @@ def main(arguments: Sequence[str] | None = None, world: World = clean_world) -> 
     parser.add_argument("--out", type=Path, required=True)
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--columns", type=int, default=SheetConfig().columns)
+    parser.add_argument("--placement", choices=tuple(WORLDS), default="reachable")
+    parser.add_argument("--only", nargs="+", metavar="NAME", help="such as door-003; else all")
     parser.add_argument("--processes", type=int, choices=range(1, PROCESSES + 1), default=PROCESSES)
     given = parser.parse_args(arguments)
     if given.columns < 2:
         parser.error(f"--columns {given.columns}: an object takes two")
     config = SheetConfig(columns=given.columns)
-    specs = list(SUITES[given.suite])
+    suite = SUITES[given.suite]
+    try:
+        specs = [suite.load(name) for name in given.only or suite.names()]
+    except InputError as error:
+        parser.error(str(error))
     console = Console(file=sys.stderr)
+    world = world or WORLDS[given.placement]
     cells = make_cells(specs, given.seed, config, given.processes, world)
     shown = list(track(cells, given.suite, len(specs), console=console))
     try:

@@ -61,3 +61,14 @@ def test_a_page_that_cannot_be_written_is_one_line(tmp_path: Path, capsys: pytes
         arguments = ["--suite", "furniture-dev", "--out", str(out), "--processes", "1"]
         assert main(arguments, broken) == 2
         assert out.name in capsys.readouterr().err.replace("\n", "")
+
+
+def test_a_page_of_some_objects_alone_and_a_name_that_is_none(
+    tmp_path: Path, capsys: pytest.CaptureFixture
+):
+    command = ["--suite", "furniture-dev", "--processes", "1", "--out", str(tmp_path / "some.jpg")]
+    assert main([*command, "--only", "door-001", "drawer-002"], broken) == 1
+    assert "0 of 2 objects" in " ".join(capsys.readouterr().err.split())
+    with pytest.raises(SystemExit):
+        main([*command, "--only", "door-099"], broken)
+    assert "no such object" in capsys.readouterr().err
