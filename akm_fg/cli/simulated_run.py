@@ -12,6 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from akm_fg import __version__
+from akm_fg.arm.body.limits import MotionRecorder
 from akm_fg.cli.demo_config import DemoConfig
 from akm_fg.cli.object_argument import ObjectArgument
 from akm_fg.closed_loop import Episode, Observer, Task, run_episode
@@ -41,6 +42,22 @@ class RunRequest:
     command: str  # that repeats it
     config: DemoConfig
     stages: Stages
+
+
+def limit_shares(motion: MotionRecorder) -> dict[str, float]:
+    """Largest share of each of the arm's limits that an executed motion used, 1 is the limit.
+
+    As a real arm would report it: contacts change a simulated speed within one step.
+    """
+    if len(motion) < 3:
+        return {}
+    use = motion.motion().filtered().usage()
+    return {
+        "joint speed": use.velocity,
+        "acceleration": use.acceleration,
+        "jerk": use.jerk,
+        "torque": use.torque,
+    }
 
 
 class _Reporter:
@@ -76,14 +93,7 @@ class _Reporter:
 
     def arm(self) -> ArmRecord:
         """How the arm fared until now."""
-        # As a real arm would report it: contacts change a simulated speed within one step.
-        use = self._motion.motion().filtered().usage()
-        shares = {
-            "joint speed": use.velocity,
-            "acceleration": use.acceleration,
-            "jerk": use.jerk,
-            "torque": use.torque,
-        }
+        shares = limit_shares(self._motion)
         if self._gauge is None:
             return ArmRecord(None, None, shares)
         slip = self._gauge.slip(self._world.true_T_world_gripper())

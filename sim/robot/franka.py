@@ -89,7 +89,7 @@ class SimFranka:
         yield from self._drive.execute(self._release(), tick_s)
         q = self.measured_joints()[0]
         silhouette = ArmSilhouette(self._scene.description, self.config.silhouette)
-        places = aside(silhouette, frame.camera, frame.T_world_cam, q, self.config.aside)
+        places = aside(silhouette, frame, q, self.config.aside)
         around = self._scene.around(self.T_world_gripper(), self.config.reach.margins_m[0])
         planner = RrtConnectPlanner(around.free_motion, self.config.plan)
         for place in places[: self.config.aside.tried]:

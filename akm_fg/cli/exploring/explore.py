@@ -55,6 +55,8 @@ class ExploreArguments:
     """Without contact analogy: all places to take hold are alike at first."""
     zero_shot: bool = False
     """Nothing is remembered of the object's own family."""
+    rig_errors: bool = False
+    """Camera and arm err as a calibrated rig does; the seed draws by how much."""
     locked: bool = False
     """Lock every joint of the simulated object; for scoring."""
     out: Path = Path("runs")
@@ -112,11 +114,14 @@ def explore_request(
     from akm_fg.cli.config_argument import chosen_config, write_tree
     from akm_fg.cli.demo_config import DemoConfig
     from akm_fg.cli.exploring.simulated import CONFIG, ExploreRequest, read_request
+    from sim.camera.rig import PERFECT, RigErrors
 
     config = chosen_config(
         config or DemoConfig(), arguments.config, arguments.tracker, arguments.segmenter
     )
     config = replace(config, explore=_chosen(arguments, config.explore))
+    if arguments.rig_errors and config.sim.rig == PERFECT:
+        config = replace(config, sim=replace(config.sim, rig=RigErrors()))
     stages = stages_of(config)
     thing = parse_object(arguments.object, arguments.joint)
     thing.spec(arguments.seed)  # refuses a broken one before anything is written
@@ -142,7 +147,7 @@ def command_of(arguments: ExploreArguments) -> str:
     for flag in ("stop", "belief", "max_attempts"):
         given = getattr(arguments, flag)
         words += [] if given == getattr(usual, flag) else [f"--{flag.replace('_', '-')} {given}"]
-    for flag in ("without_at", "without_fs", "without_ca", "zero_shot", "locked"):
+    for flag in ("without_at", "without_fs", "without_ca", "zero_shot", "rig_errors", "locked"):
         words += [f"--{flag.replace('_', '-')}"] if getattr(arguments, flag) else []
     return " ".join(words)
 

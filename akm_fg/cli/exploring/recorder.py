@@ -15,6 +15,7 @@ from akm_fg.exploration.records import Attempt
 from akm_fg.io.recording_writer import RecordingWriter
 from akm_fg.records import JointTruth, Look
 from sim.episode import SimEpisode
+from sim.robot.contacts import contacts
 
 
 def attempt_name(number: int) -> str:
@@ -32,6 +33,8 @@ class Recorder:
         self._writer: RecordingWriter | None = None
         self._held: list[int] = []
         self.truths: list[JointTruth] = []
+        self.largest_state = 0.0  # true, of all attempts, m or rad: how far it was opened
+        self.pressed_n = 0.0  # largest force seen of a link that is no finger, on the object
 
     def begun(self, number: int, attempt: Attempt) -> None:
         """Say what is tried."""
@@ -48,7 +51,10 @@ class Recorder:
 
     def looked(self, look: Look) -> None:
         """Write the frame; the truth goes beside it, for scoring alone."""
-        self.truths.append(self._world.truth())
+        truth = self._world.truth()
+        self.truths.append(truth)
+        self.largest_state = max(self.largest_state, abs(float(truth.states[-1])))
+        self.pressed_n = max(self.pressed_n, self._pressed_n())
         if self._first is None:
             self._first = look
             return
@@ -58,6 +64,11 @@ class Recorder:
             if self._world.calibration is not None:
                 self._writer.set_calibration(self._world.calibration)
         self._add(look)
+
+    def _pressed_n(self) -> float:
+        world, fingers = self._world.world, set(self._world.arm.gripper.joints)
+        touching = contacts(world.client, world.robot_id, world.object_id)
+        return sum(contact.force_n for contact in touching if contact.link not in fingers)
 
     def _folder(self) -> Path:
         return self._run_folder / attempt_name(self._number)

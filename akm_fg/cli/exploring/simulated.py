@@ -13,6 +13,7 @@ from akm_fg.cli.exploring.outcome import write_outcome, write_part_model
 from akm_fg.cli.exploring.recorder import Recorder, attempt_name
 from akm_fg.cli.exploring.stages import perceiver_of
 from akm_fg.cli.object_argument import ObjectArgument
+from akm_fg.cli.simulated_run import limit_shares
 from akm_fg.errors import InputError
 from akm_fg.exploration.explore import Explorer, explore
 from akm_fg.exploration.explore_json import exploration_as_dict, exploration_from_dict
@@ -41,6 +42,15 @@ class ExploreRequest:
     command: str
 
 
+@dataclass(frozen=True, slots=True)
+class Measured:
+    """What the simulator knows of a run. For scoring alone."""
+
+    largest_state: float  # to which the part was opened, m or rad
+    pressed_n: float  # largest force of a link that is no finger on the object, as sampled
+    limit_shares: dict[str, float]  # quantity -> largest share of the arm's limit
+
+
 @dataclass(slots=True)
 class Explored:
     """What came of it."""
@@ -48,6 +58,7 @@ class Explored:
     exploration: Exploration
     truth: JointTruth  # a state for each look of the last attempt; for scoring alone
     folder: Path
+    measured: Measured | None = None
     model: Path | None = None
     interrupted: bool = False
 
@@ -100,6 +111,7 @@ def explore_in_simulator(request: ExploreRequest) -> Explored:
 
     with _opened(request) as world:
         reporter = Recorder(request.folder, world, keep)
+        motion = world.arm.record()
         family = getattr(request.object.spec(request.seed), "family", None)
         perceived = perceiver_of(config, request.stages, family, exploration.notes)
 
@@ -121,6 +133,9 @@ def explore_in_simulator(request: ExploreRequest) -> Explored:
             explored.interrupted = True
             exploration.failure = "interrupted"
         explored.truth = reporter.truth()
+        explored.measured = Measured(
+            reporter.largest_state, reporter.pressed_n, limit_shares(motion)
+        )
     explored.model = write_part_model(request.folder, exploration, config)
     keep()
     title = f"{request.object.title}, seed {request.seed}"
