@@ -1,7 +1,7 @@
 """Does exploration find where an unseen object opens, in few pulls, and know when to stop?
 
     python -m experiments.exploration --suite furniture-dev --settings full
-    python -m experiments.exploration --suite furniture-116 --settings full threshold locked --every 3
+    python -m experiments.exploration --suite furniture-116 --settings full locked --every 3
 
 Every object once, the robot and its camera erring as a calibrated rig does, with the full system
 or with one of the paper's ablations (`without-at`, `without-fs`, `without-ca`, `zero-shot`), with

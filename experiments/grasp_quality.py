@@ -116,7 +116,7 @@ def _look(episode: SimEpisode) -> RgbdFrame:
     """A frame with the arm aside, as an explorer takes it."""
     frame, arm = episode.camera.capture(), episode.arm
     q = arm.measured_joints()[0]
-    place = aside(ArmSilhouette(), frame.camera, frame.T_world_cam, q, AsideConfig())[0]
+    place = aside(ArmSilhouette(), frame, q, AsideConfig())[0]
     _put(episode, place)
     return episode.camera.capture()
 

@@ -22,8 +22,9 @@ from akm_fg.exploration.records import Attempt, Bounds, Contact, Stretch
 from akm_fg.exploration.stopping import by_threshold, enough, moved_enough
 from akm_fg.interfaces import Arm, Camera
 from akm_fg.io.recording_depth import as_stored
+from akm_fg.planning.opening_path import plan_opening
 from akm_fg.posterior import JointPosterior
-from akm_fg.records import FloatArray, Look, RgbdFrame
+from akm_fg.records import FloatArray, Look, RgbdFrame, TimedPath
 from akm_fg.stages import RecordingFit
 from akm_fg.stream.seen_so_far import Hand
 
@@ -92,6 +93,7 @@ class Trier:
     ) -> None:
         self._arm, self._camera, self._stream = arm, camera, stream
         self._tried, self._observer, self._config = tried, observer, config
+        self._tick_s = config.pull.tick_s
         self._travel_m = 0.0
 
     def run(self, grasps: Sequence[gtsam.Pose3]) -> None:
@@ -130,7 +132,7 @@ class Trier:
         """
         attempt, refusal = self._tried.attempt, None
         for T_world_grasp in grasps[: self._config.pull.most_grasps]:
-            motion = self._arm.grasp(T_world_grasp, self._config.pull.tick_s)
+            motion = self._arm.grasp(T_world_grasp, self._tick_s)
             try:
                 with self._timed("reach"):
                     for _ in motion:
@@ -201,7 +203,20 @@ class Trier:
     def _stretch(self, direction_world: FloatArray, distance_m: float) -> FloatArray:
         """Pull on; returns how far (3,) the hand went."""
         before = self._arm.T_world_gripper().translation()
-        motion = self._arm.pull(direction_world, distance_m, self._config.pull.tick_s)
+        path = self._path_on(distance_m)
+        try:
+            if path is None:
+                self._watched(self._arm.pull(direction_world, distance_m, self._tick_s))
+            else:
+                self._watched(self._arm.follow(path, self._tick_s))
+        except MotionInfeasible:  # of the path: its end is out of reach, the way there may not be
+            self._watched(self._arm.pull(direction_world, distance_m, self._tick_s))
+        advanced = self._arm.T_world_gripper().translation() - before
+        self._travel_m += float(np.linalg.norm(advanced))
+        return np.asarray(advanced)
+
+    def _watched(self, motion: Iterator[None]) -> None:
+        """Run a motion to its end, a frame at every tick."""
         while True:
             with self._timed("pull"):
                 more = next(motion, _DONE) is not _DONE
@@ -209,9 +224,22 @@ class Trier:
                 break
             self._look()
         self._look()
-        advanced = self._arm.T_world_gripper().translation() - before
-        self._travel_m += float(np.linalg.norm(advanced))
-        return np.asarray(advanced)
+
+    def _path_on(self, distance_m: float) -> TimedPath | None:
+        """Along the joint with the hand turning along; None as long as the joint is vague."""
+        stretches, joint, pull = self._tried.attempt.stretches, self._joint(), self._config.pull
+        if not stretches or joint is None or stretches[-1].kind != str(joint.kind):
+            return None
+        last = stretches[-1]
+        if last.bounds is None or last.state is None or last.bounds.axis_rad > pull.led_axis_rad:
+            return None
+        if last.bounds.pivot_m is not None and last.bounds.pivot_m > pull.led_pivot_m:
+            return None
+        hand = self._arm.T_world_gripper()
+        twist = joint.joint.motion_jacobians(np.array([last.state]))[1][0]
+        way = float(np.linalg.norm(np.cross(twist[:3], hand.translation()) + twist[3:]))
+        on = float(np.copysign(distance_m / max(way, 1e-3), last.state))
+        return plan_opening(joint, hand, last.state, last.state + on, pull.hand)
 
     def _look(self) -> None:
         with self._timed("camera"):
@@ -297,7 +325,7 @@ class Trier:
         attempt.regrasps += 1
         self._observer.stage("the grip was lost; taking hold again")
         with self._timed("reach"):
-            for _ in self._arm.step_aside(self._tried.looks[-1].frame, self._config.pull.tick_s):
+            for _ in self._arm.step_aside(self._tried.looks[-1].frame, self._tick_s):
                 pass
         self._look()
         self._arm.see(self._tried.looks[-1].frame)
@@ -309,7 +337,7 @@ class Trier:
         T_world_now = gtsam.Pose3(gtsam.Rot3(R[0]), t[0]) * attempt.T_world_grasp
         try:
             with self._timed("reach"):
-                for _ in self._arm.grasp(T_world_now, self._config.pull.tick_s):
+                for _ in self._arm.grasp(T_world_now, self._tick_s):
                     pass
         except MotionInfeasible:
             return False

@@ -5,9 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import Literal
 
+import numpy as np
+
 from akm_fg.exploration.belief import BeliefConfig
 from akm_fg.exploration.stopping import StopConfig
 from akm_fg.exploration.suppression import SuppressionConfig
+from akm_fg.planning.opening_path import HandLimits
 
 StopRule = Literal["posterior", "threshold"]
 BeliefName = Literal["bayes", "suppression"]
@@ -22,6 +25,10 @@ class PullConfig:
     tick_s: float = 0.25  # between frames of the pull
     gave_m: float = 0.004  # of the hand in a stretch, with the arm's and the pads' own give
     slipped_m: float = 0.015  # between where the hand is and where the part would have taken it
+    # A joint known so well (95 % bounds) leads the hand; before, the hand follows where it may go.
+    led_axis_rad: float = float(np.deg2rad(10.0))  # over a stretch the hand is 5 mm off at most
+    led_pivot_m: float = 0.04
+    hand: HandLimits = field(default_factory=lambda: HandLimits(speed_m_s=0.05))
     most_grasps: int = 20  # asked of the planner for one contact
     most_regrasps: int = 2
     straight_m: float = 0.10  # the paper's pull, of the threshold's stop rule
