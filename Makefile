@@ -38,15 +38,15 @@ slow: $(READY)
 bench: $(READY)
 	$(BIN)/python -m pytest -m "slow or not slow" --benchmark-only --benchmark-disable-gc
 
-$(READY): requirements.lock requirements-baseline.lock setup.cfg pyproject.toml
+$(READY): requirements.lock requirements-torch.lock setup.cfg pyproject.toml
 	@echo "setting up $(VENV) (once, about two minutes)"
 	@$(PYTHON) -c 'import sys; v = sys.version_info[:2]; sys.exit(0 if v == (3, 11) else "Python 3.11 is needed (PyBullet has no wheel for others), this is %d.%d; set PYTHON=" % v)'
 	test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)
 	$(INSTALL) -r requirements.lock
 	$(INSTALL) --no-deps --no-build-isolation --editable .
-	$(INSTALL) -r requirements-baseline.lock || \
-	  $(INSTALL) --extra-index-url https://download.pytorch.org/whl/cpu -r requirements-baseline.lock || \
-	  echo "no CPU build of torch found: the tests of the paper's method will be skipped"
+	$(INSTALL) -r requirements-torch.lock || \
+	  $(INSTALL) --extra-index-url https://download.pytorch.org/whl/cpu -r requirements-torch.lock || \
+	  echo "no CPU build of torch found: exploration goes by geometry alone, and the tests of the paper's method will be skipped"
 	touch $@
 
 peer: .venv-peer/.ready

