@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
 
 import gtsam
@@ -98,16 +98,17 @@ class AntipodalSampler:
         c = self.config
         normal = _unit(normal_world)
         cloud = local_cloud(frame, mask, p_world_contact, c.around_m)
-        found = list(self._around(cloud, p_world_contact, normal))
-        if not found:
-            found = list(self._edges(cloud, p_world_contact, normal))
-        if not found:
-            return []
         hand = HandCollisions(cloud.voxels(c.voxel_m, c.voxel_points), c.voxel_m, self._description)
-        found.sort(key=lambda scored: -scored.quality)
+        kept = self._clear(self._around(cloud, p_world_contact, normal), hand)
+        return kept or self._clear(self._edges(cloud, p_world_contact, normal), hand)
+
+    def _clear(self, found: Iterable[ScoredGrasp], hand: HandCollisions) -> list[ScoredGrasp]:
+        """The best in which the open hand touches nothing that is seen, no two alike."""
         kept: list[ScoredGrasp] = []
-        for scored in found:
-            if len(kept) < c.most and not self._known(scored, kept) and hand.free(scored.T):
+        for scored in sorted(found, key=lambda one: -one.quality):
+            if len(kept) == self.config.most:
+                break
+            if not self._known(scored, kept) and hand.free(scored.T):
                 kept.append(scored)
         return kept
 

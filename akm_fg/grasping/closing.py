@@ -65,9 +65,8 @@ def closing(
         fingers: of the hand.
         config: tuning.
     """
-    between = (np.abs(p_gripper[:, 0]) < fingers.pad_half_m) & (
-        np.abs(p_gripper[:, 1]) < fingers.open_half_m
-    )
+    beyond = fingers.open_half_m + config.off_m  # a run that goes on so far is no thin thing
+    between = (np.abs(p_gripper[:, 0]) < fingers.pad_half_m) & (np.abs(p_gripper[:, 1]) < beyond)
     p = p_gripper[between & (p_gripper[:, 2] > -config.above_m - config.off_m)]
     middle = p[(np.abs(p[:, 1]) < config.off_m) & (np.abs(p[:, 2]) < config.above_m)]
     if len(middle) < config.least_points:
@@ -76,6 +75,8 @@ def closing(
     p = p[p[:, 2] < top + config.below_m]
     run, rest = _run(p, max(config.run_m, config.run_px * pixel_m), config.off_m)
     if len(run) < config.least_points:
+        return None
+    if np.abs(run[:, 1]).max() > fingers.open_half_m:
         return None
     low, high = np.quantile(run[:, 1], [0.02, 0.98])
     width = float(high - low) + pixel_m
@@ -93,7 +94,7 @@ def closing(
         slope_rad=float(np.abs(slopes).max()),
         taper_rad=float(abs(slopes[0] - slopes[1])),
         points=len(run),
-        beside=len(rest),
+        beside=int((np.abs(rest[:, 1]) < fingers.open_half_m).sum()),
     )
 
 

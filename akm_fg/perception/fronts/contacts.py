@@ -37,6 +37,7 @@ class ContactConfig:
     facing: float = 0.5  # cosine between a front's normal and the horizontal way to the robot
     long_m: float = 0.12  # a protrusion that is held at other places than its middle too
     graspable_m: tuple[float, float] = (0.003, 0.07)  # width across, of the hand's opening
+    high_m: float = 0.022  # fingertips reach 7 mm behind what they hold, and keep off the front
     inset_m: float = 0.018  # of an edge's contact: half a finger
     seen_within_m: float = 0.02  # a place is proposed where something was seen so near to it
     most: int = 60
@@ -107,7 +108,7 @@ def _of_protrusion(
     """Its middle; of a long one places towards its ends too."""
     front = fronts.fronts[protrusion.front]
     least, most = config.graspable_m
-    fits = least < protrusion.width_m < most and protrusion.height_m > least
+    fits = least < protrusion.width_m < most and protrusion.height_m > config.high_m
     prior = (config.protrusion if fits else config.odd_protrusion) * _facing(front, config)
     yield ContactCandidate(
         protrusion.p_world, protrusion.uv, protrusion.front, front.normal_world, prior, "protrusion"

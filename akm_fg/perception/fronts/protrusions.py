@@ -19,8 +19,9 @@ class ProtrusionConfig:
     """What counts as a handle."""
 
     least_m: float = 0.012  # over the front: the fingers want more
-    least_sigmas: float = 3.0  # of a depth reading, at least
-    most_m: float = 0.10  # over the front: higher, it is another body
+    least_sigmas: float = 4.0  # of a depth reading, at least
+    most_m: float = 0.10  # over the front: what reaches so high is another body
+    short_m: float = 0.01  # of that, a protrusion ends
     beside_m: float = 0.012  # of a front's rectangle: that far its flank is taken for it
     beyond_m: float = 0.05  # of a front's rectangle: ledges and boards that stand over
     below_m: float = 0.06  # a front's flank goes down to what it stands on
@@ -69,7 +70,9 @@ def protrusions(
         area = float(cloud.area_m2[mask].sum())
         if mask.sum() >= config.least_px and config.least_area_m2 < area < config.most_m2:
             front = int(np.bincount(owners[mask]).argmax())
-            found.append(_protrusion(cloud, front, fronts[front], mask, config))
+            one = _protrusion(cloud, front, fronts[front], mask, config)
+            if one.height_m < config.most_m - config.short_m:
+                found.append(one)
     return tuple(found)
 
 
