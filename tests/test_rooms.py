@@ -44,6 +44,8 @@ INSIDE = {
     "report": RECORDS | {"posterior", "io"},
     "calibration": RECORDS | {"io"},
     "export": RECORDS | {"posterior", "io", "model"},
+    # Knows no estimator: what was seen in a recording comes from perception.
+    "view": RECORDS | {"posterior", "io", "model", "perception"},
     "model": RECORDS | {"posterior", "io", "geometry", "perception", "stages"},
 }
 # Rooms of a room, those that others stand on first; each may know those before it and those it is

@@ -95,6 +95,7 @@ _COMMANDS = {
     "convert": "recordings.convert",
     "calibrate": "calibrate",
     "export": "models.export",
+    "view": "models.view",
     "doctor": "doctor",
 }
 _WRITE_ERRORS = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO, errno.EBADF)
