@@ -15,6 +15,7 @@ from akm_fg.cli.config_argument import write_beside
 from akm_fg.cli.console.lines import complain, console
 from akm_fg.cli.exit_codes import BAD_INPUT, DONE, INTERRUPTED, UNDECIDED
 from akm_fg.cli.output import json_output, write_line
+from akm_fg.cli.recordings.said import said_conventions
 from akm_fg.errors import AkmError, InputError, NoMotionObserved, OutputError
 from akm_fg.posterior import ArticulationPosterior
 from akm_fg.report.wording import printable
@@ -63,10 +64,24 @@ class FitArguments:
     sensor: Literal["d455", "l515", "kinect", "azure", "measured"] | None = None
     """Of recordings, whose noise depth has: of a camera's data sheet, or as the first picture shows
     it. If absent that of the configuration, a D455's; clearly more noise than that is noticed."""
+    convention: Literal["opencv", "opengl"] | None = None
+    """Of recordings, axes of the camera whose poses are given: opencv x right, y down, z forward;
+    opengl y up, z back. As the format has it if absent, or found out and said."""
+    invert_pose: bool = False
+    """Of recordings: poses are T_cam_world, from the world to the camera."""
+    up: Literal["x", "y", "z", "-x", "-y", "-z"] | None = None
+    """Of recordings in other formats, axis of the world that points up: a floor tells by it how
+    poses are written. z if absent, or as the format has it."""
+    depth_unit: float | None = None
+    """Of recordings, metres a unit of stored depth (0.001); as the format has it if absent."""
     debug: bool = False
     """Show where in the program an input failed."""
 
 
+_REPEATED = (
+    *("frames", "quaternion", "unit", "config", "tracker", "segmenter", "sensor"),
+    *("convention", "up", "depth-unit"),
+)
 _CAUSE_LENGTH = 200  # characters of an unexpected error that go on its line
 
 Announce = Callable[[int, int, Path], None]
@@ -177,7 +192,9 @@ def _fit_one(batch: _Batch, index: int) -> ArticulationPosterior:
 
     arguments, config = batch.arguments, batch.config
     path, seed = arguments.inputs[index], arguments.seed
-    options = ReadOptions(arguments.quaternion, arguments.unit)
+    options = ReadOptions(
+        arguments.quaternion, arguments.unit, conventions=said_conventions(arguments)
+    )
     data = read_input(path, arguments.frames, options)
     watched, settings = batch.progress.watched, (config.fit, config.perception, batch.stages)
     fit = pipeline.observe_and_fit(data, str(path), seed, *settings, watched, config.stream)
@@ -194,9 +211,12 @@ def _command(arguments: FitArguments, path: Path) -> str:
     """That gives this input's posterior again."""
     words = ["akm-fg fit", shlex.quote(str(path)), f"--seed {arguments.seed}"]
     words += ["--grasp"] * arguments.grasp
-    for flag in ("frames", "quaternion", "unit", "config", "tracker", "segmenter", "sensor"):
-        given = getattr(arguments, flag)
-        words += [] if given is None else [f"--{flag} {shlex.quote(str(given))}"]
+    words += ["--invert-pose"] * arguments.invert_pose
+    for flag in _REPEATED:
+        given = getattr(arguments, flag.replace("-", "_"))
+        if given is not None:
+            between = "=" if str(given).startswith("-") else " "
+            words.append(f"--{flag}{between}{shlex.quote(str(given))}")
     return " ".join(words)
 
 

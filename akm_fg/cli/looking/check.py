@@ -13,12 +13,13 @@ import tyro
 from akm_fg.cli.console.lines import console
 from akm_fg.cli.exit_codes import DONE, GOAL_NOT_REACHED
 from akm_fg.cli.output import json_output, write_line
+from akm_fg.cli.recordings.said import said_conventions
 from akm_fg.errors import InputError
 
 if TYPE_CHECKING:
     from akm_fg.check.records import RecordingCheck
     from akm_fg.perception.config import PerceptionConfig
-    from akm_fg.records import FloatArray, Recording
+    from akm_fg.records import Recording
 
 SCHEMA = "akm-fg/check/1"
 OVERLAY, CHECK = "overlay.jpg", "check.json"
@@ -39,8 +40,15 @@ class CheckArguments:
     """Folder for overlay.jpg (object, floor, changes, and depth over colours) and check.json."""
     json: str | None = None
     """Write what was found as one JSON object to this file; - is standard output (no table)."""
-    up: Literal["x", "y", "z", "-x", "-y", "-z"] = "z"
-    """Axis of the world that points up: the floor is held against it."""
+    convention: Literal["opencv", "opengl"] | None = None
+    """Of recordings, axes of the camera whose poses are given: opencv x right, y down, z forward;
+    opengl y up, z back. As the format has it if absent, or found out and said."""
+    invert_pose: bool = False
+    """Of recordings: poses are T_cam_world, from the world to the camera."""
+    up: Literal["x", "y", "z", "-x", "-y", "-z"] | None = None
+    """Axis of the world that points up: the floor is held against it; z if absent."""
+    depth_unit: float | None = None
+    """Of recordings, metres a unit of stored depth (0.001); as the format has it if absent."""
     sensor: Literal["d455", "l515", "kinect", "azure", "measured"] | None = None
     """Whose noise depth has, as in fit."""
 
@@ -55,15 +63,17 @@ def check(arguments: CheckArguments) -> int:
     from akm_fg.check.measure import check_recording
     from akm_fg.cli.fitting.folder import make_folder
     from akm_fg.io.inputs import read_input
+    from akm_fg.io.read_options import ReadOptions
     from akm_fg.records import Recording
 
     if arguments.out is not None:
         make_folder(arguments.out)
-    data = read_input(arguments.recording)
+    said = said_conventions(arguments)
+    data = read_input(arguments.recording, options=ReadOptions(conventions=said))
     if not isinstance(data, Recording):
         raise InputError(arguments.recording, "has no pictures to look at", "a recording")
     with json_output(arguments.json) as results:
-        found = check_recording(data, _perception(arguments), _direction(arguments.up))
+        found = check_recording(data, _perception(arguments), said.up_world)
         line = json_module.dumps(_as_dict(arguments.recording, found), allow_nan=False)
         if arguments.out is not None:
             _write(arguments.out, data, found, line)
@@ -80,13 +90,6 @@ def _perception(arguments: CheckArguments) -> PerceptionConfig:
 
     usual = PerceptionConfig()
     return usual if arguments.sensor is None else with_sensor(usual, arguments.sensor)
-
-
-def _direction(up: str) -> FloatArray:
-    """(3,) unit, of an axis by its name."""
-    direction = np.zeros(3)
-    direction["xyz".index(up[-1])] = -1.0 if up.startswith("-") else 1.0
-    return direction
 
 
 def _write(out: Path, recording: Recording, found: RecordingCheck, line: str) -> None:

@@ -13,11 +13,11 @@ import tyro
 from akm_fg.cli.console.lines import console
 from akm_fg.cli.exit_codes import DONE
 from akm_fg.cli.output import json_output, write_line
+from akm_fg.cli.recordings.said import said_conventions
 from akm_fg.errors import InputError
 from akm_fg.report.wording import printable
 
 if TYPE_CHECKING:
-    from akm_fg.io.conventions import InputConventions
     from akm_fg.io.sources.prepare import Prepared
     from akm_fg.io.sources.source import SourceOptions
     from akm_fg.io.sources.understood import Understood
@@ -86,7 +86,7 @@ def convert(arguments: ConvertArguments) -> int:
 
     if arguments.out is not None:
         check_new(arguments.out)
-    options, said = source_options(arguments), _said(arguments)
+    options, said = source_options(arguments), said_conventions(arguments)
     with json_output(arguments.json) as results:
         prepared = open_prepared(arguments.source, options, said, arguments.frames)
         if results is None or arguments.json != "-":
@@ -137,17 +137,6 @@ def source_options(arguments: ConvertArguments) -> SourceOptions:
         stop_s=arguments.stop,
         every=arguments.every,
     )
-
-
-def _said(arguments: ConvertArguments) -> InputConventions:
-    from akm_fg.io.conventions import InputConventions
-
-    try:
-        return InputConventions(
-            arguments.convention, arguments.invert_pose or None, arguments.up, arguments.depth_unit
-        )
-    except ValueError as e:
-        raise InputError("--depth-unit", str(e), "metres a unit, such as 0.001") from e
 
 
 def print_understood(understood: Understood) -> None:

@@ -12,10 +12,14 @@ import gtsam
 import numpy as np
 import pytest
 
+from akm_fg import pipeline
 from akm_fg.check.measure import check_recording
 from akm_fg.check.picture import overview
+from akm_fg.cli.fit import FitArguments, _command
 from akm_fg.cli.main import main
+from akm_fg.errors import NoMotionObserved
 from akm_fg.io.recording import write_recording
+from akm_fg.perception.sensors import PROFILES
 from akm_fg.records import Recording, RgbdFrame
 from tests.akm_fg.conftest import PART, Cabinet, Clip, film
 
@@ -129,6 +133,44 @@ def test_the_command_tells_writes_an_overlay_and_counts_hints(
     printed = capfd.readouterr().out
     assert "off the world's up" in printed
     assert max(len(line.rstrip()) for line in printed.splitlines()) <= 80
+
+
+def test_poses_in_other_conventions_are_read_as_the_flags_say(
+    clip: Clip, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    turned = gtsam.Pose3(gtsam.Rot3(np.diag([1.0, -1.0, -1.0])), np.zeros(3))
+    frames = [replace(f, T_world_cam=(f.T_world_cam * turned).inverse()) for f in clip.frames]
+    folder, flags = tmp_path / "gl", ["--convention", "opengl", "--invert-pose"]
+    write_recording(folder, Recording("gl", tuple(frames)))
+    assert main(["check", str(folder), "--json", "-"]) == 1
+    assert json.loads(capfd.readouterr().out)["floor"]["off_up_deg"] > 20.0
+    assert main(["check", str(folder), *flags, "--json", "-"]) == 0
+    assert json.loads(capfd.readouterr().out)["floor"]["off_up_deg"] < 1.0
+    assert main(["check", str(folder), "--depth-unit", "0"]) == 2
+    assert "--depth-unit" in capfd.readouterr().err
+
+
+def test_fit_reads_by_the_same_flags_and_repeats_them_in_its_command(
+    clip: Clip, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd
+) -> None:
+    given: dict[str, object] = {}
+
+    def watched(data, name, seed, fit, perception, *others, **more):
+        given.update(data=data, noise=perception.observe.noise)
+        raise NoMotionObserved("seen")
+
+    monkeypatch.setattr(pipeline, "observe_and_fit", watched)
+    write_recording(tmp_path / "r", clip.recording, depth_unit_m=0.001)
+    flags = ["--invert-pose", "--up=-z", "--depth-unit", "0.002", "--sensor", "azure"]
+    assert main(["fit", str(tmp_path / "r"), *flags]) == 2
+    first = given["data"].frames[0]
+    expected = clip.scene.T_world_cam.inverse().matrix()
+    np.testing.assert_allclose(first.T_world_cam.matrix(), expected, atol=1e-9)
+    assert np.nanmedian(first.depth_m / clip.frames[0].depth_m) == pytest.approx(2.0, abs=0.05)
+    assert given["noise"] == PROFILES["azure"]
+    arguments = FitArguments((tmp_path / "r",), invert_pose=True, up="-z", depth_unit=0.002)
+    words = _command(arguments, Path("r"))
+    assert words == "akm-fg fit r --seed 0 --invert-pose --up=-z --depth-unit 0.002"
 
 
 def test_what_is_no_recording_is_one_line(tmp_path: Path, capfd) -> None:
