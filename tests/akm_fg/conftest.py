@@ -319,6 +319,22 @@ def still() -> Clip:
 
 
 @pytest.fixture(scope="session")
+def fit_of():
+    """The fit of a clip with all defaults, made once a session: fit_of(clip, sources)."""
+    from akm_fg.pipeline import fit_recording  # half of the tests here need nothing of it
+
+    made = {}
+
+    def fit(clip: Clip, sources: str = "both"):
+        key = id(clip), sources
+        if key not in made:  # the clip is kept too, or another might come to have its id
+            made[key] = clip, fit_recording(clip.recording, sources=sources)
+        return made[key][1]
+
+    return fit
+
+
+@pytest.fixture(scope="session")
 def door_behind_robot() -> Clip:
     return film(Cabinet("revolute"), np.deg2rad(30), 15, robot=True)
 

@@ -2,6 +2,7 @@
 
 import json
 from dataclasses import replace
+from functools import cache
 
 import gtsam
 import numpy as np
@@ -112,11 +113,21 @@ def _said(fit) -> ArticulationPosterior | None:
     return posterior
 
 
+@pytest.fixture(scope="module")
+def said_of(door, drawer):
+    """What is said of a hard recording, once for all tests: said_of(name, kind)."""
+    clips = {"revolute": door, "prismatic": drawer}
+
+    @cache
+    def said(hard, kind):
+        return _said(lambda: fit_input(HARD[hard](clips[kind].recording), hard))
+
+    return said
+
+
 @pytest.mark.parametrize("hard", HARD)
-def test_a_degenerate_recording_gets_an_answer_or_one_line(hard, kind, door, drawer):
-    clip = door if kind == "revolute" else drawer
-    recording = HARD[hard](clip.recording)
-    _said(lambda: fit_input(recording, hard))
+def test_a_degenerate_recording_gets_an_answer_or_one_line(hard, kind, said_of):
+    said_of(hard, kind)
 
 
 def test_depth_without_noise_is_no_reason_to_fail(kind, door, drawer):
@@ -125,10 +136,8 @@ def test_depth_without_noise_is_no_reason_to_fail(kind, door, drawer):
     assert posterior is not None and posterior.kind == kind
 
 
-def test_frames_without_depth_have_no_state_and_the_others_do(kind, door, drawer):
-    clip = door if kind == "revolute" else drawer
-    recording = HARD["depth in every other frame"](clip.recording)
-    posterior = _said(lambda: fit_recording(recording).posterior)
+def test_frames_without_depth_have_no_state_and_the_others_do(kind, said_of):
+    posterior = said_of("depth in every other frame", kind)
     assert posterior is not None and posterior.kind == kind
     assert np.isfinite(posterior.best.states.mean[::2]).all()
 
@@ -192,9 +201,9 @@ def test_a_degenerate_path_gets_an_answer_or_one_line(path, turned):
     _said(lambda: fit_poses(PoseTrack(p, R)))
 
 
-def test_the_states_of_a_part_that_leaves_end_where_it_was_last_seen(kind, door, drawer):
+def test_the_states_of_a_part_that_leaves_end_where_it_was_last_seen(kind, said_of, door, drawer):
     clip = door if kind == "revolute" else drawer
-    posterior = _said(lambda: fit_recording(HARD["a part that leaves"](clip.recording)).posterior)
+    posterior = said_of("a part that leaves", kind)
     assert posterior is not None and posterior.kind == kind
     states, last = posterior.best.states, 7
     assert states.last_seen == last and np.isnan(states.mean[last + 1 :]).all()

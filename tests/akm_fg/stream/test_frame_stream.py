@@ -65,10 +65,10 @@ def told(request):
 
 
 @pytest.mark.parametrize("name", ["door", "drawer"])
-def test_a_stream_ends_where_the_recording_does(name, request):
+def test_a_stream_ends_where_the_recording_does(name, request, fit_of):
     clip = request.getfixturevalue(name)
     stream, _ = streamed(clip.frames)
-    assert_same(stream.posterior(), fit_recording(clip.recording))
+    assert_same(stream.posterior(), fit_of(clip))
 
 
 def test_a_stream_holds_what_is_not_known_of_the_camera_as_a_recording_does(drawer):
@@ -81,14 +81,14 @@ def test_a_stream_holds_what_is_not_known_of_the_camera_as_a_recording_does(draw
     assert fit.posterior.best.states.sd[-1] > 0.01 * fit.posterior.best.states.mean[-1]
 
 
-def test_asking_on_the_way_changes_nothing_later(drawer):
+def test_asking_on_the_way_changes_nothing_later(drawer, fit_of):
     stream = FrameStream("clip")
     for t, frame in enumerate(drawer.frames):
         stream.add(frame)
         if t == 8:
             short = Recording("clip", drawer.frames[:9])
             assert_same(stream.posterior(), fit_recording(short))
-    assert_same(stream.posterior(), fit_recording(drawer.recording))
+    assert_same(stream.posterior(), fit_of(drawer))
 
 
 def test_the_joint_is_told_while_it_moves(told):
@@ -176,13 +176,13 @@ def test_an_object_that_comes_late_starts_the_stream_then(drawer):
     assert_same(stream.posterior(), fit_recording(Recording("clip", drawer.frames[:7])))
 
 
-def test_frames_that_are_not_kept_get_their_states_beside_the_graph(door):
+def test_frames_that_are_not_kept_get_their_states_beside_the_graph(door, fit_of):
     """Ten frames are kept of fifteen; memory of images is bounded, the answer is over all."""
     stream, _ = streamed(door.frames, FEW_KEPT)
     assert stream._seen.numbers.size == 10
     few = stream.posterior()
     assert_same(few, fit_recording(door.recording, perception=FEW_KEPT.perception))
-    states, all_kept = few.posterior.best.states, fit_recording(door.recording).posterior
+    states, all_kept = few.posterior.best.states, fit_of(door).posterior
     assert states.mean.shape == (15,) and np.isfinite(states.mean).all()
     assert few.observed.tracks.p_world.shape[0] == 15
     assert few.posterior.kind == all_kept.kind == "revolute"

@@ -132,11 +132,11 @@ def test_the_lag_of_depth_is_found(swung, late: int) -> None:
     assert depth_lag(frames, DepthAgainstColourConfig()) == late
 
 
-def test_depth_that_is_a_frame_late_is_named(swung) -> None:
+def test_depth_that_is_a_frame_late_is_named(swung, fit_of) -> None:
     posterior = fit_recording(with_depth(swung.recording, late=1)).posterior
     assert posterior.kind == "undecided"
     assert any(w.startswith("depth is 1 frame late") for w in posterior.fit.warnings)
-    assert not fit_recording(swung.recording).posterior.fit.warnings
+    assert not fit_of(swung).posterior.fit.warnings
 
 
 def test_a_seam_between_depth_and_colour_is_no_lag(swung) -> None:
