@@ -45,8 +45,13 @@ class Arm(Protocol):
         """
         ...
 
-    def grasp(self, T_world_grasp: gtsam.Pose3, tick_s: float) -> Iterator[None]:
+    def grasp(
+        self, T_world_grasp: gtsam.Pose3, tick_s: float, feel_m: float = 0.0
+    ) -> Iterator[None]:
         """Move clear of what was seen to a pre-grasp, approach along the gripper's z, close.
+
+        With `feel_m`, how far that is along z is only known to so much: the hand goes on by as far
+        until something stops it, which may be as far before the grasp, and closes there.
 
         Raises:
             MotionInfeasible: the pose cannot be reached, or not without touching something.

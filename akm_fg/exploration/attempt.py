@@ -90,8 +90,9 @@ class Trier:
         tried: Tried,
         observer: Observer,
         config: ExploreConfig,
+        feel_m: float = 0.0,
     ) -> None:
-        self._arm, self._camera, self._stream = arm, camera, stream
+        self._arm, self._camera, self._stream, self._feel_m = arm, camera, stream, feel_m
         self._tried, self._observer, self._config = tried, observer, config
         self._tick_s = config.pull.tick_s
         self._travel_m = 0.0
@@ -136,12 +137,12 @@ class Trier:
             try:
                 with self._timed("reach"):
                     for _ in motion:
-                        attempt.pulled = True
+                        attempt.pulled, attempt.T_world_grasp = True, T_world_grasp
             except MotionInfeasible as error:
                 attempt.grasps_refused += 1
                 refusal = refusal or error
                 continue
-            attempt.pulled = True
+            attempt.pulled = attempt.held = True
             attempt.T_world_grasp = self._arm.T_world_gripper()
             self._look()
             return

@@ -6,7 +6,8 @@ or not, which is another matter. A pull by way d opens iff w_f = d, s_c and g_c.
 
     rigid while held:  p = 1 - s_c (1 - e) where w_f = d, else 1    (e: it moves too little to see,
                        or a catch is stronger than the pull)
-    grasp lost, empty: says nothing of w_f and s_c; g_c ~ Beta gets a failure
+    grasp empty:       says nothing of w_f and s_c; g_c ~ Beta gets a failure
+    slipped off:       the same, and what gives at once hardly ever slips: half a rigid pull
     refused:           says nothing of either; the contact is left alone
 
 Given w_f the contacts' s_c are independent, so the posterior of w_f is exact:
@@ -40,6 +41,7 @@ class BeliefConfig:
     sideways: float = 0.04  # either side
     upward: float = 0.04
     on_its_front: float = 0.95  # a contact is on the front that it was given to, and has a lever
+    slipped: float = 0.5  # of a rigid pull: 40 N slip off what is locked, 5 N open what is free
     missed: float = 0.02  # a rigid pull on what is free that way: a catch, a jam
     holds: tuple[float, float] = (4.0, 1.0)  # Beta of a grasp: successes and failures beforehand
     nothing_left: float = 0.03  # probability that anything opens below which the search ends
@@ -65,8 +67,17 @@ class Belief(Protocol):
         """That a pull there opens."""
         ...
 
-    def learn(self, hypothesis: Hypothesis, outcome: Outcome, moved: bool) -> None:
-        """Take in what came of a try; `moved`: a part was seen to move before it was lost."""
+    def learn(
+        self, hypothesis: Hypothesis, outcome: Outcome, moved: bool, held: bool = False
+    ) -> None:
+        """Take in what came of a try.
+
+        Args:
+            hypothesis: that was tried.
+            outcome: of the attempt.
+            moved: a part was seen to move before it was lost.
+            held: the fingers had closed on something.
+        """
         ...
 
     def snapshot(self) -> BeliefSnapshot:
@@ -89,7 +100,7 @@ def ways_of(normal_world: FloatArray) -> dict[Way, FloatArray]:
 class _Tries:
     """What pulls have shown at one contact."""
 
-    rigid: dict[Way, int] = field(default_factory=dict)
+    rigid: dict[Way, float] = field(default_factory=dict)
     lost: int = 0
     refused: bool = False
     moved: Way | None = None
@@ -128,15 +139,20 @@ class BayesBelief:
         opens = self.front_opens(self._contacts[place].front)[way]
         return opens * self._serves(place, way) * self._holds(place)
 
-    def learn(self, hypothesis: Hypothesis, outcome: Outcome, moved: bool) -> None:
+    def learn(
+        self, hypothesis: Hypothesis, outcome: Outcome, moved: bool, held: bool = False
+    ) -> None:
         """Take in what came of a try."""
         tries = self._tries[hypothesis.contact]
         if moved:
             tries.moved = hypothesis.way
         if outcome == "rigid":
-            tries.rigid[hypothesis.way] = tries.rigid.get(hypothesis.way, 0) + 1
+            tries.rigid[hypothesis.way] = tries.rigid.get(hypothesis.way, 0.0) + 1.0
         elif outcome == "grasp_lost":
             tries.lost += 1
+            if held and not moved:
+                share = self._config.slipped
+                tries.rigid[hypothesis.way] = tries.rigid.get(hypothesis.way, 0.0) + share
         elif outcome == "refused":
             tries.refused = True
 
@@ -176,7 +192,7 @@ class BayesBelief:
         """Likelihood of the rigid pulls by this way if the front opens by it."""
         likelihood = 1.0
         for place in places:
-            n = self._tries[place].rigid.get(way, 0)
+            n = self._tries[place].rigid.get(way, 0.0)
             likelihood *= (1.0 - self._prior_serves(place) * (1.0 - self._config.missed)) ** n
         return likelihood
 
@@ -190,7 +206,7 @@ class BayesBelief:
         """Of a contact, given that its front opens this way and all its rigid pulls by it."""
         if self._tries[place].moved is not None:
             return 1.0
-        serves, n = self._prior_serves(place), self._tries[place].rigid.get(way, 0)
+        serves, n = self._prior_serves(place), self._tries[place].rigid.get(way, 0.0)
         spared = serves * self._config.missed**n
         return spared / max(spared + 1.0 - serves, 1e-12)
 

@@ -31,6 +31,8 @@ class PullConfig:
     hand: HandLimits = field(default_factory=lambda: HandLimits(speed_m_s=0.05))
     most_grasps: int = 20  # asked of the planner for one contact
     most_regrasps: int = 2
+    feel_m: float = 0.01  # of a grasp's depth that is not known, with a camera that does not err
+    feel_sigmas: float = 2.0  # and of the camera's own errors, on top
     straight_m: float = 0.10  # the paper's pull, of the threshold's stop rule
     away_m: float = 0.10  # straight back from what was let go
 

@@ -19,8 +19,9 @@ from akm_fg.exploration.config import ExploreConfig
 from akm_fg.exploration.records import Attempt, Contact, Exploration, Hypothesis
 from akm_fg.exploration.suppression import SuppressedMap
 from akm_fg.interfaces import Arm, Camera
-from akm_fg.records import RgbdFrame
+from akm_fg.records import CalibrationErrors, RgbdFrame
 
+ALIKE_RAD = 0.3  # between two grasps that fail for the same reason
 TICK_S = 1.0  # nobody looks while the arm steps aside
 
 
@@ -49,6 +50,17 @@ class Explorer:
     stream: Callable[[int], Stream]  # a new one for an attempt with this number
     config: ExploreConfig
     seed: int = 0
+    calibration: CalibrationErrors | None = None  # what is not known of the camera
+
+    def feel_m(self, frame: RgbdFrame, contact: Contact) -> float:
+        """How far a contact may be from where it is seen, along the way to it."""
+        pull, errors = self.config.pull, self.calibration
+        if errors is None:
+            return pull.feel_m
+        z = float(frame.T_world_cam.transformTo(contact.p_world)[2])
+        place = float(np.sqrt(np.trace(errors.cov_world_cam[3:, 3:]) / 3.0))
+        off = np.linalg.norm([errors.depth_scale_sd * z, errors.depth_bias_sd_m, place])
+        return pull.feel_m + pull.feel_sigmas * float(off)
 
 
 def explore(
@@ -76,7 +88,7 @@ def explore(
         return
     belief = belief_of(exploration, explorer)
     for attempt in exploration.attempts:
-        belief.learn(attempt.hypothesis, attempt.outcome, bool(attempt.stretches))
+        belief.learn(attempt.hypothesis, attempt.outcome, bool(attempt.stretches), attempt.held)
     while exploration.pulls < config.max_attempts and not exploration.opened:
         with _Took(exploration, "belief"):
             hypothesis = belief.next()
@@ -84,7 +96,7 @@ def explore(
         if hypothesis is None:
             break
         tried = _tried(arm, camera, explorer, exploration, observer, belief, hypothesis)
-        belief.learn(hypothesis, tried.attempt.outcome, tried.moved)
+        belief.learn(hypothesis, tried.attempt.outcome, tried.moved, tried.attempt.held)
         if tried.fit is not None or not exploration.looks:
             exploration.fit, exploration.looks = tried.fit, tried.looks
         if not config.adaptive_termination:
@@ -131,13 +143,37 @@ def _tried(
     number = len(exploration.attempts)
     exploration.attempts.append(attempt)
     observer.begun(number, attempt)
+    frame = camera.capture()
     with _Took(exploration, "grasps"):
-        grasps = explorer.grasps(camera.capture(), contact)
-    tried = Tried(attempt)
-    stream = explorer.stream(number)
-    Trier(arm, camera, stream, tried, observer, explorer.config).run(grasps)
+        grasps = list(explorer.grasps(frame, contact))
+    grasps = _others_first(grasps, exploration, hypothesis)
+    tried, stream = Tried(attempt), explorer.stream(number)
+    feel_m = explorer.feel_m(frame, contact)
+    Trier(arm, camera, stream, tried, observer, explorer.config, feel_m).run(grasps)
     observer.ended(number, attempt)
     return tried
+
+
+def _others_first(
+    grasps: list[gtsam.Pose3], exploration: Exploration, hypothesis: Hypothesis
+) -> list[gtsam.Pose3]:
+    """Grasps least like those that this contact has lost come first; none lost: as they are."""
+    lost = [
+        attempt.T_world_grasp
+        for attempt in exploration.attempts
+        if attempt.hypothesis.contact == hypothesis.contact and attempt.outcome == "grasp_lost"
+        if attempt.T_world_grasp is not None
+    ]
+    if not lost:
+        return grasps
+
+    def like(T: gtsam.Pose3) -> bool:
+        turns = (
+            np.linalg.norm(gtsam.Rot3.Logmap(T.rotation().between(x.rotation()))) for x in lost
+        )
+        return bool(min(turns) < ALIKE_RAD)
+
+    return sorted(grasps, key=like)  # stable: the better ones first among equals
 
 
 def _conclude(exploration: Exploration, belief: Belief, config: ExploreConfig) -> None:

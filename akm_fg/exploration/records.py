@@ -73,6 +73,7 @@ class Attempt:
     outcome: Outcome = "stopped"
     reason: str = INTERRUPTED
     pulled: bool = False  # a refusal costs no pull
+    held: bool = False  # the fingers closed on something
     stretches: list[Stretch] = field(default_factory=list)
     T_world_grasp: gtsam.Pose3 | None = None  # as it took hold, at the first state
     grasps_refused: int = 0

@@ -58,7 +58,9 @@ class SuppressedMap:
         """The score, which the paper reads as a probability."""
         return float(np.clip(self._score[hypothesis.contact], 0.0, 1.0))
 
-    def learn(self, hypothesis: Hypothesis, outcome: Outcome, moved: bool) -> None:
+    def learn(
+        self, hypothesis: Hypothesis, outcome: Outcome, moved: bool, held: bool = False
+    ) -> None:
         """A <- A - alpha exp(-|u - mu|^2 / (2 sigma^2)) after any failure (the paper's Eq. 2)."""
         if self._rng is not None or outcome == "opened":
             return

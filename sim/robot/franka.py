@@ -106,8 +106,13 @@ class SimFranka:
         """Whether something is between the closed fingers."""
         return self.gripper.closed_on_something()
 
-    def grasp(self, T_world_grasp: gtsam.Pose3, tick_s: float) -> Iterator[None]:
+    def grasp(
+        self, T_world_grasp: gtsam.Pose3, tick_s: float, feel_m: float = 0.0
+    ) -> Iterator[None]:
         """Let go, move to the pre-grasp, approach along the gripper's z, close the fingers.
+
+        With `feel_m`, the grasp's depth is only known to so much: the hand goes on by as far until
+        something stops it, which may be as far before the grasp, and closes a little behind.
 
         Raises:
             MotionInfeasible: the pose cannot be reached, or not without touching something.
@@ -116,14 +121,15 @@ class SimFranka:
         """
         around, options = self._options(T_world_grasp)
         yield from self._drive.execute(self._release(), tick_s)
-        motion = self._reach(T_world_grasp, options.configurations, around)
+        motion = self._reach(T_world_grasp, options.configurations, around, feel_m)
         yield from self._drive.execute(motion, tick_s)
         off_m = float(
             np.linalg.norm(self.T_world_gripper().translation() - T_world_grasp.translation())
         )
-        if off_m > self.config.arrival_m:
+        if off_m > self.config.arrival_m + feel_m:
             raise GraspFailed(_blocked(off_m))
-        yield from self._drive.execute(self._close(T_world_grasp), tick_s)
+        T_world_closed = T_world_grasp if feel_m == 0.0 else self.T_world_gripper()
+        yield from self._drive.execute(self._close(T_world_closed), tick_s)
         if not self.holding():
             raise GraspFailed("the fingers met with nothing between them")
 
@@ -198,10 +204,11 @@ class SimFranka:
         T_world_grasp: gtsam.Pose3,
         goals: Sequence[GraspConfiguration],
         around: Surroundings,
+        feel_m: float,
     ) -> Iterator[FloatArray]:
         """To a pre-grasp, and straight on to the grasp."""
         reached = yield from self._free_motion(goals, around)
-        yield from self._approach(T_world_grasp, reached)
+        yield from self._approach(T_world_grasp, reached, feel_m)
 
     def _free_motion(
         self, goals: Sequence[GraspConfiguration], around: Surroundings
@@ -236,15 +243,32 @@ class SimFranka:
         self._q_rest = motion.q[-1].copy()
 
     def _approach(
-        self, T_world_grasp: gtsam.Pose3, choice: GraspConfiguration
+        self, T_world_grasp: gtsam.Pose3, choice: GraspConfiguration, feel_m: float
     ) -> Iterator[FloatArray]:
         c, T = self.config, T_world_grasp
         speed_m_s = min(
             c.unseen_m_s if choice.unseen else c.approach_m_s, self._kept_up_m_s(T, choice)
         )
-        yield from self._straight(T, choice.standoff_m, c.guarded_m, speed_m_s, c.blocked_m)
+        slow_m = max(c.guarded_m, feel_m)
+        yield from self._straight(T, choice.standoff_m, slow_m, speed_m_s, c.blocked_m)
+        if feel_m > 0.0:
+            yield from self._feel(T, slow_m, feel_m)
+            return
         yield from self._straight(T, c.guarded_m, 0.0, c.guarded_m_s, c.blocked_m)
         yield from self._stay(T.matrix(), c.settle_s)
+
+    def _feel(
+        self, T_world_grasp: gtsam.Pose3, before_m: float, beyond_m: float
+    ) -> Iterator[FloatArray]:
+        """On along the gripper's z until something stops the hand, and a little back."""
+        c = self.config
+        try:
+            yield from self._straight(T_world_grasp, before_m, -beyond_m, c.feel_m_s, c.blocked_m)
+        except GraspFailed:  # what it was looking for
+            pass
+        here = self.T_world_gripper()
+        back = gtsam.Pose3(T_world_grasp.rotation(), here.translation())
+        yield from self._stay(standoff(back, c.felt_back_m).matrix(), c.settle_s)
 
     def _kept_up_m_s(self, T_world_grasp: gtsam.Pose3, choice: GraspConfiguration) -> float:
         """The speed at which the joints' damping holds the hand back by `approach_lag_m`.

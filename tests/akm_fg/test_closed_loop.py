@@ -53,7 +53,7 @@ class PaperDrawer:
     def see(self, frame):
         self.seen = frame
 
-    def grasp(self, T_world_grasp, tick_s):
+    def grasp(self, T_world_grasp, tick_s, feel_m=0.0):
         assert self.seen.stamp_s > 0.0  # shown before it moves
         if self.fails:
             raise self.fails

@@ -124,7 +124,12 @@ def explore_in_simulator(request: ExploreRequest) -> Explored:
             )
 
         explorer = Explorer(
-            perceived.contacts, perceived.grasps, stream, config.explore, request.seed
+            perceived.contacts,
+            perceived.grasps,
+            stream,
+            config.explore,
+            request.seed,
+            world.calibration,
         )
         explored = Explored(exploration, world.truth(), request.folder)
         try:

@@ -72,7 +72,7 @@ class PaperCabinet:
     def holding(self):
         return self.front is not None and not self.lost
 
-    def grasp(self, T_world_grasp, tick_s):
+    def grasp(self, T_world_grasp, tick_s, feel_m=0.0):
         front = round(T_world_grasp.translation()[1] / 0.3)
         if front in self.away:
             raise MotionInfeasible("the grasp is out of the arm's reach")
