@@ -133,7 +133,7 @@ class Trier:
         """
         attempt, refusal = self._tried.attempt, None
         for T_world_grasp in grasps[: self._config.pull.most_grasps]:
-            motion = self._arm.grasp(T_world_grasp, self._tick_s)
+            motion = self._arm.grasp(T_world_grasp, self._tick_s, self._feel_m)
             try:
                 with self._timed("reach"):
                     for _ in motion:
@@ -338,7 +338,7 @@ class Trier:
         T_world_now = gtsam.Pose3(gtsam.Rot3(R[0]), t[0]) * attempt.T_world_grasp
         try:
             with self._timed("reach"):
-                for _ in self._arm.grasp(T_world_now, self._tick_s):
+                for _ in self._arm.grasp(T_world_now, self._tick_s, self._feel_m):
                     pass
         except MotionInfeasible:
             return False
