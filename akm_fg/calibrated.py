@@ -123,8 +123,15 @@ def _scaled(
     """Lengths with the errors of their scale; angles as they are."""
     if states.unit == "rad":
         return states
+    relative = length_error(T_cam_joint, errors, camera)
+    return replace(states, sd=np.hypot(states.sd, relative * states.mean))
+
+
+def length_error(
+    T_cam_joint: FloatArray, errors: CalibrationErrors, camera: PinholeCamera
+) -> float:
+    """Relative standard deviation of lengths along a joint's axis, as the camera sees them."""
     a = T_cam_joint[:3, 2]
     J_length_lens = LENS @ a @ a  # relative
     lens = float(J_length_lens @ _lens_cov(errors, camera) @ J_length_lens)
-    relative = np.sqrt(errors.depth_scale_sd**2 + lens)
-    return replace(states, sd=np.hypot(states.sd, relative * states.mean))
+    return float(np.sqrt(errors.depth_scale_sd**2 + lens))

@@ -100,6 +100,8 @@ class FitConfig:
     scale_iterations: int = 6  # rounds of: solve, estimate the noise scale
     still_scale_iterations: int = 1  # of a kind that is out of the race
     scale_tolerance: float = 0.02  # relative change of the noise scale that ends the rounds
+    # Of recordings whose camera's calibration errs: the hand's path beside it (`stream.hand_path`).
+    hand_path: GraspConfig | None = field(default_factory=GraspConfig)
     grasp: GraspConfig | None = None  # of recordings; None: the gripper's poses are not used
     moving_noise: float = 1.25  # of a moving part's tracks, over that of a static part's
     moving_noise_sd_log: float = 0.2  # standard deviation of its logarithm, from part to part

@@ -13,7 +13,7 @@ import gtsam
 import numpy as np
 from numpy.typing import NDArray
 
-from akm_fg.calibrated import calibrated
+from akm_fg.calibrated import calibrated, length_error
 from akm_fg.errors import AxisUnobservable, InsufficientData, TracksLost
 from akm_fg.estimation.fit import one_blas_thread
 from akm_fg.perception.observe import MotionObserver
@@ -22,10 +22,18 @@ from akm_fg.perception.rig.depth_against_colour import depth_unit_doubts
 from akm_fg.perception.rig.unseen import unseen_doubts
 from akm_fg.perception.tracking.track_store import SeenPoints
 from akm_fg.posterior import ArticulationPosterior, doubted
-from akm_fg.records import BoolArray, CalibrationErrors, Doubt, Recording, RgbdFrame
+from akm_fg.records import (
+    BoolArray,
+    CalibrationErrors,
+    Doubt,
+    FloatArray,
+    Recording,
+    RgbdFrame,
+)
 from akm_fg.stages import JointEstimator, ModelSettings, RecordingFit, Sources, Stages
 from akm_fg.steps import Steps, to_end
 from akm_fg.stream.gripper_state import with_gripper_states
+from akm_fg.stream.hand_path import with_hand_path
 from akm_fg.stream.joint_estimate import JointEstimate, estimate_in_steps
 from akm_fg.stream.rig_doubts import RigDoubts, told_with
 from akm_fg.stream.surface_state import with_surface_states
@@ -168,7 +176,19 @@ class SeenSoFar:
         if self._calibration is None:
             return posterior
         first = self._observer.kept.frames[0]
-        return calibrated(posterior, self._calibration, first.T_world_cam, first.camera)
+        posterior = calibrated(posterior, self._calibration, first.T_world_cam, first.camera)
+        hand, joint = self.settings.fit.hand_path, posterior.best.joint
+        if hand is None or self._grasp is None or joint is None:
+            return posterior
+        T_cam_joint = first.T_world_cam.inverse().matrix() @ joint.T_world_joint
+        length_sd = length_error(T_cam_joint, self._calibration, first.camera)
+        return with_hand_path(posterior, self._held_hands(), length_sd, hand)
+
+    def _held_hands(self) -> dict[int, FloatArray]:
+        """(3,) of the gripper by the frames of the first stretch in which it holds."""
+        assert self._grasp is not None
+        held = range(self._grasp[0], self._grasp[1] + 1)
+        return {k: hand.T_world_gripper.translation() for k in held if (hand := self._hands[k])}
 
     def _doubts_of_input(self) -> list[Doubt]:
         seen, clip = self._observer, self._clip()
