@@ -59,9 +59,10 @@ class Arm(Protocol):
         """
         ...
 
-    def step_aside(self, frame: RgbdFrame, tick_s: float) -> Iterator[None]:
+    def step_aside(self, frame: RgbdFrame, tick_s: float, unseen: bool = False) -> Iterator[None]:
         """Let go, and go where the arm hides little from the camera that took the frame.
 
+        With `unseen`, little of what this frame does not show: for a second look.
         Stays where it is after letting go if no such place can be reached.
         """
         ...

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Protocol
 
 import gtsam
@@ -77,7 +77,7 @@ def explore(
         observer: is told of attempts, frames and stages.
     """
     config = explorer.config
-    frame = look_clear(arm, camera, exploration)
+    frame = look_twice(arm, camera, exploration)
     exploration.first_look = exploration.first_look or frame
     if not exploration.contacts:
         observer.stage("looking for places to take hold")
@@ -129,6 +129,36 @@ def look_clear(arm: Arm, camera: Camera, exploration: Exploration) -> RgbdFrame:
     return frame
 
 
+def look_twice(arm: Arm, camera: Camera, exploration: Exploration) -> RgbdFrame:
+    """A frame of all that is seen from behind the arm in one place or in another.
+
+    The camera stands still, and nothing but the arm has moved: what one look does not show is
+    taken from the other.
+    """
+    first = look_clear(arm, camera, exploration)
+    with _Took(exploration, "step aside"):
+        for _ in arm.step_aside(first, TICK_S, unseen=True):
+            pass
+        frame = both(first, camera.capture())
+        arm.see(frame)
+    return frame
+
+
+def both(first: RgbdFrame, second: RgbdFrame) -> RgbdFrame:
+    """The first look, and where it shows nothing the second; the time is the second's."""
+    hidden = ~np.isfinite(first.depth_m)
+    return replace(
+        first,
+        stamp_s=second.stamp_s,
+        rgb=np.where(hidden[..., None], second.rgb, first.rgb),
+        depth_m=np.where(hidden, second.depth_m, first.depth_m),
+    )
+
+
+def _any_moved(exploration: Exploration) -> bool:
+    return any(attempt.stretches for attempt in exploration.attempts)
+
+
 def _tried(
     arm: Arm,
     camera: Camera,
@@ -145,7 +175,8 @@ def _tried(
     observer.begun(number, attempt)
     frame = camera.capture()
     with _Took(exploration, "grasps"):
-        grasps = list(explorer.grasps(frame, contact))
+        seen = frame if _any_moved(exploration) else exploration.first_look or frame
+        grasps = list(explorer.grasps(seen, contact))
     grasps = _others_first(grasps, exploration, hypothesis)
     tried, stream = Tried(attempt), explorer.stream(number)
     feel_m = explorer.feel_m(frame, contact)

@@ -80,16 +80,17 @@ class SimFranka:
         """The measured gripper pose (forward kinematics of the measured joints)."""
         return self._kinematics.T_world_gripper(self.measured_joints()[0])
 
-    def step_aside(self, frame: RgbdFrame, tick_s: float) -> Iterator[None]:
+    def step_aside(self, frame: RgbdFrame, tick_s: float, unseen: bool = False) -> Iterator[None]:
         """Let go, and go where the arm hides little from the camera that took the frame.
 
+        With `unseen`, little of what this frame does not show.
         Stays where it is after letting go if no such place is within reach without touching
         anything.
         """
         yield from self._drive.execute(self._release(), tick_s)
         q = self.measured_joints()[0]
         silhouette = ArmSilhouette(self._scene.description, self.config.silhouette)
-        places = aside(silhouette, frame, q, self.config.aside)
+        places = aside(silhouette, frame, q, self.config.aside, unseen)
         around = self._scene.around(self.T_world_gripper(), self.config.reach.margins_m[0])
         planner = RrtConnectPlanner(around.free_motion, self.config.plan)
         for place in places[: self.config.aside.tried]:

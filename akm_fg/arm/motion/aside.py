@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import cv2
 import numpy as np
 
 from akm_fg.arm.body.kinematics import Q_HOME
@@ -24,6 +25,9 @@ class AsideConfig:
     tried: int = 4  # best places for which a way is looked for
     scale: int = 8  # the image is looked at this many times smaller
     reach_m: float = 1.3  # from the base: what a handle may be within, and the front around it
+    # Beside something near a stereo camera sees nothing: f b (1/z - 1/z') pixels, 11 of a D455 at
+    # 848 x 480 between 1.2 and 1.8 m; on which side hangs on the camera.
+    shadow_px: float = 16.0
     floor_m: float = 0.06  # above the lowest that is seen: of no interest
     # Of the image: a place that hides so little more than the best is as good, and the one that is
     # nearer to where the arm stands is taken.
@@ -31,7 +35,11 @@ class AsideConfig:
 
 
 def aside(
-    silhouette: ArmSilhouette, frame: RgbdFrame, q: FloatArray, config: AsideConfig
+    silhouette: ArmSilhouette,
+    frame: RgbdFrame,
+    q: FloatArray,
+    config: AsideConfig,
+    unseen: bool = False,
 ) -> list[FloatArray]:
     """Joint angles (7,) at which the arm hides least of what is within its reach, best first.
 
@@ -41,8 +49,12 @@ def aside(
             anything.
         q: (7,) where the arm stands now; among equals the nearest comes first.
         config: what is considered.
+        unseen: what this frame does not show counts, and nothing else.
     """
     small, wanted = _smaller(frame.camera, config.scale), _within_reach(frame, config)
+    if unseen:
+        wanted = _unseen(frame, config)
+    shadow = np.ones((1, 2 * round(config.shadow_px / config.scale) + 1), np.uint8)
     places, hidden = [], []
     for back_rad in config.drawn_back_rad:
         for turn_deg in config.turns_deg:
@@ -51,12 +63,21 @@ def aside(
             place[1] += back_rad
             places.append(place)
             mask = silhouette.mask(place, 0.04, small, frame.T_world_cam)
+            mask = cv2.dilate(mask.astype(np.uint8), shadow) > 0
             hidden.append(float((mask & wanted).mean()))
     best = min(hidden)
     # Hidden shares within `as_good` of each other count as one step.
     steps = np.floor((np.array(hidden) - best) / config.as_good)
     way = np.array([np.linalg.norm(place - q) for place in places])
     return [places[i] for i in np.lexsort([way, steps])]
+
+
+def _unseen(frame: RgbdFrame, config: AsideConfig) -> BoolArray:
+    """(h, w) of the smaller image: without depth."""
+    camera, step = frame.camera, config.scale
+    rows, columns = camera.height // step, camera.width // step
+    depth = frame.depth_m[: rows * step : step, : columns * step : step]
+    return np.asarray(~np.isfinite(depth))
 
 
 def _within_reach(frame: RgbdFrame, config: AsideConfig) -> BoolArray:

@@ -65,7 +65,7 @@ class PaperCabinet:
     def see(self, frame):
         pass
 
-    def step_aside(self, frame, tick_s):
+    def step_aside(self, frame, tick_s, unseen=False):
         self.asides, self.front = self.asides + 1, None
         yield
 
