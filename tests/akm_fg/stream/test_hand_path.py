@@ -74,7 +74,7 @@ def test_a_drawers_length_is_the_hands_where_the_camera_does_not_know_its_scale(
     hands = {k: HAND_AT + 1.03 * state * axis for k, state in enumerate(q)}
     told = with_hand_path(posterior, hands, 0.02, HAND).best.states
     assert told.mean[-1] == pytest.approx(0.309, abs=2.5e-3)  # the camera still counts
-    assert told.sd[-1] < 0.4 * wide.states.sd[-1]
+    assert told.sd[-1] < 0.5 * wide.states.sd[-1]
 
 
 def test_a_hand_that_slides_is_believed_no_more_than_it_slides():
