@@ -28,8 +28,9 @@ from experiments.rows.provenance import note_run
 from experiments.scores.statistics import share
 from experiments.trials.oracle_grasps import enough, followable_grasps
 from sim.objects.part_spec import standard_range
-from sim.objects.staging import stage
+from sim.objects.published_place import place_as_published
 from sim.objects.suites.catalogue import SUITES, load_spec
+from sim.objects.suites.furniture_build import measure_furniture
 from sim.objects.suites.furniture_spec import FurnitureSpec
 
 OPENED = 5.0  # cm or deg, the paper's
@@ -57,7 +58,8 @@ def run_trial(name: str, seed: int = 0, simulate: bool = False) -> ReachRow:
     spec = load_spec(name, seed)
     assert isinstance(spec, FurnitureSpec)
     kinematics = FrankaKinematics()
-    built, placement = stage(spec, kinematics, "published")
+    built = measure_furniture(spec)
+    placement = place_as_published(built)
     asked = enough(spec.kind, ASKED)
     ways = followable_grasps(built, spec, placement, kinematics, asked)
     whole = followable_grasps(built, spec, placement, kinematics, standard_range(spec))

@@ -13,8 +13,9 @@ from experiments.published_reach import ReachRow, failures, read_rows, run_trial
 from experiments.rows.json_lines import append_line
 from experiments.trials.oracle_grasps import enough, followable_grasps
 from sim.objects.placement import Placement
-from sim.objects.staging import stage
+from sim.objects.published_place import place_as_published
 from sim.objects.suites.catalogue import load_spec
+from sim.objects.suites.furniture_build import measure_furniture
 
 NEAR = ReachRow("furniture-dev/door-001", 0, "revolute", "cabinet", "rod", 5, 2, True, None, None)
 FAR = ReachRow("furniture-dev/door-002", 0, "revolute", "fridge", "bar", 3, 0, False, None, "far")
@@ -24,7 +25,8 @@ def test_a_drawer_before_the_arm_is_within_reach_and_a_metre_farther_it_is_not()
     row = run_trial("furniture-dev/drawer-001")
     assert row.grasps > 0 and row.opened is None and row.reason is None
     spec, kinematics = load_spec("furniture-dev/drawer-001", 0), FrankaKinematics()
-    built, placement = stage(spec, kinematics, "published")
+    built = measure_furniture(spec)
+    placement = place_as_published(built)
     into = gtsam.Pose3(gtsam.Rot3(), np.array([0.0, 1.0, 0.0]))
     away = Placement(placement.T_world_object * into, None)
     assert followable_grasps(built, spec, away, kinematics, 0.06) == []

@@ -17,7 +17,7 @@ from sim.objects.suites.catalogue import SUITES, find_suite, load_spec
 from sim.objects.suites.families import APPLIANCES
 from sim.objects.suites.fronts import dress
 from sim.objects.suites.furniture_body import make_body
-from sim.objects.suites.furniture_build import build_furniture
+from sim.objects.suites.furniture_build import build_furniture, measure_furniture
 from sim.objects.suites.manners import LEVER_MIN_M, SHARES, Spot, lever_m, spot_of
 from sim.objects.textures import TILE_M
 from sim.robot.contacts import nearby
@@ -200,3 +200,11 @@ def test_every_object_is_in_view_as_a_whole_wherever_it_stands(suite: str):
                         x_cam, y_cam, depth = T.transformFrom(spec.size_m * [x, y, z])
                         assert abs(focal * x_cam / depth) < 316.0, (name, seed)
                         assert abs(focal * y_cam / depth) < 236.0, (name, seed)
+
+
+def test_measuring_an_object_gives_what_building_it_does(tmp_path: Path):
+    spec = load_spec("furniture-dev/door-004", 0)
+    built, measured = build_furniture(spec, tmp_path), measure_furniture(spec)
+    assert built.T_object_handle.equals(measured.T_object_handle, 0.0)
+    for name in ("axis_object", "pivot_object", "p_object_front", "p_object_handles"):
+        np.testing.assert_array_equal(getattr(built, name), getattr(measured, name))
