@@ -1,11 +1,13 @@
-"""A recording played as fast as its pictures are taken, none dropped."""
+"""A recording played by a process of its own, and taken from it."""
 
 from __future__ import annotations
 
-import queue
+import json
+import subprocess
+import sys
 import threading
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager, suppress
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -13,13 +15,12 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from akm_fg.errors import AkmError, InputError
+from akm_fg.errors import InputError
 
 SIDES = ("colour", "depth")
 EXPECTED = "a whole RealSense recording with depth and colour"
-HELD = 8  # pictures that wait to be taken; the player waits then
-PATIENCE_S = 10.0  # without a picture, before a recording is given up
-LOOK_S = 0.1
+PLAYER = "akm_fg.io.sources.realsense.player"
+PATIENCE_S = 30.0  # sound files of gigabytes answer within seconds
 COLOURS = {  # of librealsense's formats: channels, and how OpenCV makes RGB of it
     "rgb8": (3, None),
     "bgr8": (3, cv2.COLOR_BGR2RGB),
@@ -29,125 +30,116 @@ COLOURS = {  # of librealsense's formats: channels, and how OpenCV makes RGB of 
     "uyvy": (2, cv2.COLOR_YUV2RGB_UYVY),
     "y8": (1, cv2.COLOR_GRAY2RGB),
 }
-Wanted = Callable[[str, float], bool]
-Picture = tuple[str, float, NDArray[Any] | None]  # side, stamp, image where it is wanted
+Picture = tuple[str, float, bytes]  # side, stamp, pixels (empty where they are not wanted)
+Asked = dict[str, list[float]] | None
 
 
 class Played:
-    """An opened recording; `pictures` plays it from its beginning, once."""
+    """What the player says: cameras at once, then pictures as they come."""
 
-    def __init__(self, path: Path, device: Any) -> None:
-        import pyrealsense2 as rs
+    def __init__(self, path: Path, process: subprocess.Popen[bytes], patience_s: float) -> None:
+        assert process.stdout is not None
+        self._path, self._process, self._out = path, process, process.stdout
+        self._patience_s, self._silent = patience_s, False
+        self.described = self._line()
+        sides = self.described.get("sides", {})
+        missing = [side for side in SIDES if side not in sides]
+        if missing:
+            raise InputError(path, f"has no {' and no '.join(missing)} stream", EXPECTED)
 
-        self._path, self._playback = path, device.as_playback()
-        self._playback.set_real_time(False)
-        self.profiles: dict[str, Any] = {}
-        self._sensors: dict[str, Any] = {}
-        kinds = {rs.stream.color: "colour", rs.stream.depth: "depth"}
-        for sensor in device.query_sensors():
-            for profile in sensor.get_stream_profiles():
-                side = kinds.get(profile.stream_type())
-                if side is not None and side not in self.profiles:
-                    self.profiles[side] = profile.as_video_stream_profile()
-                    self._sensors[side] = sensor
+    def pictures(self) -> Iterator[Picture]:
+        """In the order in which they were recorded.
 
-    def intrinsics(self, side: str) -> Any:
-        """Of one camera."""
-        return self.profiles[side].get_intrinsics()
+        Raises:
+            InputError: the player ended before its end.
+        """
+        while head := self._line():
+            with self._patience():
+                pixels = self._out.read(head["bytes"])
+            if len(pixels) != head["bytes"]:
+                raise self._ended()
+            yield head["side"], head["stamp_s"], pixels
 
-    def colour_from_depth(self) -> Any:
-        """Extrinsics that take the depth camera's points to the colour camera's axes."""
-        return self.profiles["depth"].get_extrinsics_to(self.profiles["colour"])
+    def _line(self) -> dict[str, Any]:
+        with self._patience():
+            line = self._out.readline()
+        if not line.endswith(b"\n"):
+            raise self._ended()
+        found: dict[str, Any] = json.loads(line)
+        if "error" in found:
+            raise InputError(self._path, f"cannot be played ({found['error']})", EXPECTED)
+        return found
 
-    def unit_m(self) -> float:
-        """Metres a unit of depth."""
-        import pyrealsense2 as rs
-
-        return float(self._sensors["depth"].get_option(rs.option.depth_units))
-
-    def format(self, side: str) -> str:
-        """As librealsense calls it."""
-        return str(self.profiles[side].format()).removeprefix("format.")
-
-    def pictures(self, wanted: Wanted) -> Iterator[Picture]:
-        """Every picture's side and stamp, with the image where it is wanted."""
-        waiting: queue.Queue[Picture] = queue.Queue(HELD)
-        closed = threading.Event()
-
-        def take(frame: Any) -> None:
-            """Called by the player, which waits for it."""
-            side = "depth" if frame.is_depth_frame() else "colour"
-            stamp_s = 1e-3 * frame.timestamp
-            image = np.array(frame.get_data()) if wanted(side, stamp_s) else None
-            while not closed.is_set():
-                with suppress(queue.Full):
-                    waiting.put((side, stamp_s, image), timeout=LOOK_S)
-                    return
-
-        self._playback.pause()  # until all sensors listen
+    @contextmanager
+    def _patience(self) -> Iterator[None]:
+        """End the player if it says nothing for too long: broken files make it go round."""
+        timer = threading.Timer(self._patience_s, self._give_up)
+        timer.start()
         try:
-            self._start(take)
-            self._playback.resume()
-            for side, stamp_s, image in self._taken(waiting):
-                yield side, stamp_s, self._rgb(image) if side == "colour" else image
+            yield
         finally:
-            closed.set()
-            self._stop()
+            timer.cancel()
 
-    def _start(self, take: Callable[[Any], None]) -> None:
-        for sensor in self._each_sensor():
-            mine = [p for side, p in self.profiles.items() if self._sensors[side] is sensor]
-            sensor.open(mine)
-            sensor.start(take)
+    def _give_up(self) -> None:
+        self._silent = True
+        self._process.kill()
 
-    def _stop(self) -> None:
-        for sensor in self._each_sensor():
-            with suppress(RuntimeError):
-                sensor.stop()
-                sensor.close()
-
-    def _each_sensor(self) -> list[Any]:
-        return list({id(sensor): sensor for sensor in self._sensors.values()}.values())
-
-    def _taken(self, waiting: queue.Queue[Picture]) -> Iterator[Picture]:
-        import pyrealsense2 as rs
-
-        silent_s = 0.0
-        while silent_s < PATIENCE_S:
-            try:
-                yield waiting.get(timeout=LOOK_S)
-                silent_s = 0.0
-            except queue.Empty:
-                if self._playback.current_status() == rs.playback_status.stopped:
-                    return
-                silent_s += LOOK_S
-
-    def _rgb(self, image: NDArray[Any] | None) -> NDArray[np.uint8] | None:
-        if image is None:
-            return None
-        name = self.format("colour")
-        if name not in COLOURS:
-            raise InputError(self._path, f"colour is {name!r}", f"one of {', '.join(COLOURS)}")
-        camera = self.intrinsics("colour")
-        channels, how = COLOURS[name]
-        shaped = image.view(np.uint8).reshape(camera.height, camera.width, channels)
-        return np.asarray(shaped if how is None else cv2.cvtColor(shaped, how), dtype=np.uint8)
+    def _ended(self) -> InputError:
+        how = f"said nothing for {self._patience_s:g} s" if self._silent else "ended on it"
+        return InputError(self._path, f"cannot be played (librealsense {how})", EXPECTED)
 
 
 @contextmanager
-def play(path: Path) -> Iterator[Played]:
-    """Open a recording.
+def play(path: Path, asked: Asked = None, patience_s: float = PATIENCE_S) -> Iterator[Played]:
+    """Play a recording from its beginning.
+
+    Args:
+        path: of the recording.
+        asked: stamps of the pictures whose pixels are wanted, for each side.
+        patience_s: without a word from librealsense, before a recording is given up.
 
     Raises:
         InputError: librealsense cannot play it.
     """
-    import pyrealsense2 as rs
+    command = [sys.executable, "-m", PLAYER, str(path.absolute())]
+    root = Path(__file__).resolve().parents[4]  # where akm_fg is, installed or not
+    pipe, silent = subprocess.PIPE, subprocess.DEVNULL
+    with subprocess.Popen(command, stdin=pipe, stdout=pipe, stderr=silent, cwd=root) as process:
+        assert process.stdin is not None
+        try:
+            process.stdin.write(json.dumps(asked).encode() + b"\n")
+            process.stdin.flush()
+            yield Played(path, process, patience_s)
+        except BrokenPipeError as e:
+            problem = "cannot be played (its player does not start)"
+            raise InputError(path, problem, EXPECTED) from e
+        finally:
+            process.kill()
 
-    try:
-        device = rs.context().load_device(str(path))
-        yield Played(path, device)
-    except AkmError:
-        raise
-    except (RuntimeError, ValueError) as e:
-        why = " ".join(str(e).split())[:100]
-        raise InputError(path, f"cannot be played ({why})", EXPECTED) from e
+
+def rgb_of(path: Path, pixels: bytes, name: str, size: tuple[int, int]) -> NDArray[np.uint8]:
+    """RGB (H, W, 3) of a picture in one of librealsense's formats.
+
+    Raises:
+        InputError: a format that is not known, or pixels of another number.
+    """
+    if name not in COLOURS:
+        raise InputError(path, f"colour is {name!r}", f"one of {', '.join(COLOURS)}")
+    channels, how = COLOURS[name]
+    image = _shaped(path, pixels, "u1", (size[1], size[0], channels))
+    return np.asarray(image if how is None else cv2.cvtColor(image, how), dtype=np.uint8)
+
+
+def depth_of(path: Path, pixels: bytes, size: tuple[int, int]) -> NDArray[np.uint16]:
+    """Depth (H, W) in the recording's units.
+
+    Raises:
+        InputError: pixels of another number.
+    """
+    return _shaped(path, pixels, "<u2", (size[1], size[0]))
+
+
+def _shaped(path: Path, pixels: bytes, dtype: str, shape: tuple[int, ...]) -> NDArray[Any]:
+    if len(pixels) != int(np.prod(shape)) * np.dtype(dtype).itemsize:
+        raise InputError(path, f"holds a picture of {len(pixels)} bytes", f"{shape} of {dtype}")
+    return np.frombuffer(pixels, dtype).reshape(shape).copy()

@@ -69,7 +69,10 @@ def in_sd(got: dict, want: dict, T_want_got: gtsam.Pose3) -> dict[str, float]:
     one, other = got["joint"], want["joint"]
     turned = T_want_got.rotation().rotate(np.array(one["axis"]))
     axis_deg = np.degrees(np.linalg.norm(turned - other["axis"]))
-    away_m = np.linalg.norm(T_want_got.transformFrom(np.array(one["pivot"])) - other["pivot"])
+    away = T_want_got.transformFrom(np.array(one["pivot"])) - other["pivot"]
+    away_m = np.linalg.norm(
+        np.cross(other["axis"], away)
+    )  # along the axis a pivot may lie anywhere
     states = np.abs(np.subtract(got["states"]["mean"], want["states"]["mean"]))[1:]
     return {
         "axis": axis_deg / other["axis_sd_deg"],
