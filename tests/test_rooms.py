@@ -83,6 +83,7 @@ INNER = {
         {"trials"},
         {"pages"},
         {"claims"},
+        {"hands"},
     ],
 }
 ONLY_IN = {

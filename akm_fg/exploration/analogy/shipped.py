@@ -1,6 +1,6 @@
 """The memory that comes with the package: contacts that opened objects of `furniture-dev`.
 
-Made by `python -m experiments.contact_memory --ship`.
+Made by `python -m experiments.hands.contact_memory --ship`.
 """
 
 from __future__ import annotations

@@ -8,7 +8,7 @@ memory's, point one way.
 
 What comes of it is weak on purpose. Scores are weights exp((A - max A) / temperature), and
 kinds are drawn to even odds; both numbers are fitted on `furniture-dev`, on objects that were left
-out of the memory (`experiments.contact_memory`).
+out of the memory (`experiments.hands.contact_memory`).
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """Does the quality of a proposed grasp say how often it holds?
 
-    python -m experiments.grasp_quality --objects 20 --grasps 4
+    python -m experiments.hands.grasp_quality --objects 20 --grasps 4
 
 Each trial: an object of `furniture-dev` within the arm's reach whose part is jammed, one noisy
 frame of the fixed camera, the contact that is proposed nearest to the true handle, and some of the

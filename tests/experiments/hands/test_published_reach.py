@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from akm_fg.arm.body.kinematics import FrankaKinematics
-from experiments.published_reach import ReachRow, failures, read_rows, run_trial, table
+from experiments.hands.published_reach import ReachRow, failures, read_rows, run_trial, table
 from experiments.rows.json_lines import append_line
 from experiments.trials.oracle_grasps import enough, followable_grasps
 from sim.objects.placement import Placement

@@ -1,7 +1,7 @@
 """Where the paper puts objects, how many can an arm open that knows everything?
 
-    python -m experiments.published_reach --suite furniture-dev
-    python -m experiments.published_reach --suite furniture-116
+    python -m experiments.hands.published_reach --suite furniture-dev
+    python -m experiments.hands.published_reach --suite furniture-116
 
 Nobody looks whether the arm can open an object before it is put there, so that some cannot be
 opened whatever one knows. Counted by kinematics alone: a grasp of the true handle, and joint angles

@@ -1,0 +1,1 @@
+"""What arm and hand can do: reach, grasps, contacts that are remembered."""
