@@ -9,7 +9,7 @@ from pathlib import Path
 
 from akm_fg.exploration.analogy.contacts import ContactMemory
 
-SHIPPED = Path(__file__).parent / "data" / "furniture-dev"
+SHIPPED = Path(__file__).parent / "data"
 
 
 def shipped_memory() -> ContactMemory:
