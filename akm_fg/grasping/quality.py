@@ -1,6 +1,6 @@
 """How likely a grasp holds: a logistic regression on what is seen of it.
 
-Its weights were fitted to simulated pulls of `furniture-dev` (docs/decisions/0018).
+Its weights were fitted to simulated pulls of `furniture-dev` (docs/decisions/0019).
 """
 
 from __future__ import annotations
@@ -27,15 +27,15 @@ class GraspEvidence:
 class QualityWeights:
     """Of the log odds."""
 
-    held: float = 1.5  # where everything else is as good as can be
-    uncovered: float = -4.0  # times the share of the pads without anything between
-    slope: float = -2.0  # a radian
-    taper: float = -1.0  # a radian
-    hidden: float = -1.5
+    held: float = 3.5  # where everything else is as good as can be
+    uncovered: float = -1.5  # times the share of the pads without anything between
+    slope: float = -1.0  # a radian
+    taper: float = -0.3  # a radian
+    hidden: float = -1.2
     tilt: float = -0.5  # a radian
-    few_rows: float = -2.0  # times 1 / pixels across what is held: the middle is then unsure
-    beside: float = -0.5  # something else between the open fingers
-    edge: float = -1.5  # a board whose thickness is guessed
+    few_rows: float = -1.0  # times 1 / pixels across what is held: the middle is then unsure
+    beside: float = -1.2  # something else between the open fingers
+    edge: float = -3.5  # a board whose thickness is guessed, with room behind it or without
 
 
 def holds(evidence: GraspEvidence, weights: QualityWeights) -> float:

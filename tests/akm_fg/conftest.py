@@ -219,6 +219,7 @@ class Chest:
     contrast: float = 20.0
     bar_m: float = 0.012
     reach_m: float = 0.04  # from the fronts to the middle of the bars
+    over_m: float = -0.003  # of the fronts beyond the carcass, on the camera's side
     eye: tuple[float, float, float] = (-0.05, 0.45, 1.0)
 
     front_x = 0.62
@@ -241,7 +242,7 @@ class Chest:
         step = self.height_m / self.rows
         for i, (bx, _, bz) in enumerate(self.bars):
             low, high = i * step + 0.003, (i + 1) * step - 0.003
-            board = box((x, -w + 0.003, low), (x + 0.02, w - 0.003, high), PART, wood)
+            board = box((x, -w + 0.003, low), (x + 0.02, w + self.over_m, high), PART, wood)
             in_shade = [replace(side, texture=0.5 * side.texture) for side in board[-2:]]
             quads += board[:-2] + in_shade  # below and above, between the fronts
             if self.handles:
@@ -252,7 +253,7 @@ class Chest:
 
     @lru_cache(maxsize=8)  # noqa: B019  a handful of scenes a session
     def frame(self, seed: int = 0) -> RgbdFrame:
-        camera = PinholeCamera(800, 600, 480.0, 480.0, 399.5, 299.5)
+        camera = PinholeCamera(480, 440, 480.0, 480.0, 239.5, 219.5)
         T = look_at(np.array(self.eye), np.array([self.front_x, 0.0, 0.4 * self.height_m]))
         return photograph(camera, T, self.quads(), np.random.default_rng(seed))
 

@@ -14,7 +14,6 @@ import numpy as np
 from akm_fg.perception.fronts.find_fronts import FrontsConfig, find_fronts
 from akm_fg.perception.fronts.front_records import (
     ContactCandidate,
-    ContactKind,
     Front,
     Fronts,
     Protrusion,
@@ -24,20 +23,26 @@ from akm_fg.records import BoolArray, FloatArray, RgbdFrame
 
 @dataclass(frozen=True, slots=True)
 class ContactConfig:
-    """Which places are proposed. Priors: docs/decisions/0018."""
+    """Which places are proposed. How they were counted: docs/decisions/0019."""
 
     fronts: FrontsConfig = field(default_factory=FrontsConfig)
-    protrusion: float = 0.85
+    protrusion: float = 0.9
     odd_protrusion: float = 0.25  # no hand closes around it, or it is too short to hold
-    protrusion_end: float = 0.5  # a long one, not in its middle
-    recess: float = 0.3
-    edge: float = 0.12
-    plain: float = 0.02
+    protrusion_end: float = 0.8  # times, of a long one not in its middle
+    open_edge: float = 0.4  # the camera sees that there is room behind it
+    edge: float = 0.06  # of a board that ends in the air; what is behind it is not seen
+    flush_edge: float = 0.01  # the plane goes on beyond it, or something stands there
+    plain: float = 0.01
     not_facing: float = 0.15  # times, where a front looks away from the robot or lies
     facing: float = 0.5  # cosine between a front's normal and the horizontal way to the robot
     long_m: float = 0.12  # a protrusion that is held at other places than its middle too
     graspable_m: tuple[float, float] = (0.003, 0.07)  # width across, of the hand's opening
     high_m: float = 0.022  # fingertips reach 7 mm behind what they hold, and keep off the front
+    # Places to look at beside an edge, in the front's frame: outwards from it and over the plane.
+    # Beyond a board that ends, there is air; and behind one that stands over, where a finger goes.
+    beyond_m: tuple[float, float] = (0.025, -0.01)
+    behind_m: tuple[float, float] = (-0.005, -0.035)
+    air_m: float = 0.015  # so far behind a place something is seen: there is air
     inset_m: float = 0.018  # of an edge's contact: half a finger
     seen_within_m: float = 0.02  # a place is proposed where something was seen so near to it
     most: int = 60
@@ -78,6 +83,15 @@ class _Seen:
     def __init__(self, frame: RgbdFrame) -> None:
         self._camera, self._T = frame.camera, frame.T_world_cam
         self._depth = np.where(frame.depth_m > 0, frame.depth_m, np.nan)
+
+    def air(self, p_world: FloatArray, behind_m: float) -> bool:
+        """Whether what is seen at a place (3,) is farther away than that by `behind_m`."""
+        p_cam = self._T.transformTo(p_world)
+        u, v = (np.nan_to_num(x, nan=-1.0) for x in self._camera.project(p_cam))
+        column, row = round(float(u)), round(float(v))
+        if not (0 <= column < self._camera.width and 0 <= row < self._camera.height):
+            return False
+        return bool(self._depth[row, column] > p_cam[2] + behind_m)  # NaN compares False
 
     def nearest(self, p_world: FloatArray, within_m: float) -> tuple[FloatArray, FloatArray] | None:
         """Point (3,) and pixel (2,) of what was seen nearest to a place (3,), or None."""
@@ -130,14 +144,31 @@ def _of_front(
     """The middles of its edges, and its own middle."""
     facing = _facing(front, config)
     middle, half = (front.lower_m + front.upper_m) / 2.0, front.extent_m / 2.0
-    places: list[tuple[FloatArray, ContactKind, float]] = [(middle, "plain", config.plain)]
-    inner = np.maximum(half - config.inset_m, 0.0)
-    for x, y in ((-1.0, 0.0), (1.0, 0.0), (0.0, -1.0), (0.0, 1.0)):
-        places.append((middle + inner * np.array([x, y]), "edge", config.edge))
-    for xy, what, prior in places:
-        at = seen.nearest(front.frame.world(np.append(xy, 0.0)), config.seen_within_m)
+    at = seen.nearest(front.frame.world(np.append(middle, 0.0)), config.seen_within_m)
+    if at is not None:
+        prior = config.plain * facing
+        yield ContactCandidate(at[0], at[1], index, front.normal_world, prior, "plain")
+    for out in (np.array(side) for side in ((-1.0, 0.0), (1.0, 0.0), (0.0, -1.0), (0.0, 1.0))):
+        edge = middle + half * out
+        place = np.append(edge - np.minimum(config.inset_m, half) * out, 0.0)
+        at = seen.nearest(front.frame.world(place), config.seen_within_m)
         if at is not None:
-            yield ContactCandidate(at[0], at[1], index, front.normal_world, prior * facing, what)
+            prior = _edge_prior(front, edge, out, seen, config) * facing
+            yield ContactCandidate(at[0], at[1], index, front.normal_world, prior, "edge")
+
+
+def _edge_prior(
+    front: Front, edge: FloatArray, out: FloatArray, seen: _Seen, config: ContactConfig
+) -> float:
+    """By whether there is air beyond an edge, at its middle (2,), and behind it."""
+
+    def air(outwards_m: float, over_m: float) -> bool:
+        place = np.append(edge + outwards_m * out, over_m)
+        return seen.air(front.frame.world(place), config.air_m)
+
+    if not air(*config.beyond_m):
+        return config.flush_edge
+    return config.open_edge if air(*config.behind_m) else config.edge
 
 
 def _facing(front: Front, config: ContactConfig) -> float:

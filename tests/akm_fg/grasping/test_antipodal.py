@@ -56,6 +56,20 @@ def test_no_two_grasps_are_the_same(sampler, chest, mask):
             assert np.linalg.norm(between.translation()) > 0.003 or turn > 0.15
 
 
+def test_a_board_that_stands_over_is_pinched_at_its_edge(sampler, make_chest):
+    chest = make_chest(rows=1, handles=False, over_m=0.06)
+    mask = DepthObjectSegmenter().segment(chest.frame())
+    edge = np.array([chest.front_x, chest.half_width_m + 0.06, 0.36])
+    grasps = sampler.sample(chest.frame(), mask, edge - [0.0, 0.018, 0.0], OUT)
+    assert grasps
+    for grasp in grasps:
+        R, p = grasp.T_world_grasp.rotation().matrix(), grasp.T_world_grasp.translation()
+        assert abs(R[:, 1] @ OUT) > 0.95  # a finger on either side of the board
+        assert R[1, 2] < -0.85  # comes from beside it
+        assert np.linalg.norm(p - edge - [0.01, -0.018, 0.0]) < 0.012
+        assert grasp.quality < 0.6  # nobody has seen that there is room behind
+
+
 def test_the_middle_of_a_bare_front_offers_nothing(sampler, chest, mask):
     p_world = np.array([chest.front_x, 0.15, 0.36])
     assert sampler.sample(chest.frame(), mask, p_world, OUT) == ()
