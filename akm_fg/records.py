@@ -146,6 +146,10 @@ class Recording:
             first, last = self.grasp_frames
             _require(0 <= first <= last < n, f"grasp_frames {self.grasp_frames} outside 0..{n - 1}")
 
+    def __repr__(self) -> str:
+        c = self.frames[0].camera
+        return f"<Recording {self.name}: {len(self.frames)} frames of {c.width} x {c.height}>"
+
 
 @dataclass(frozen=True, slots=True)
 class JointTruth:

@@ -52,6 +52,9 @@ class Surface:
     def __len__(self) -> int:
         return len(self.p_world)
 
+    def __repr__(self) -> str:
+        return f"<Surface of {len(self)} points>"
+
 
 @dataclass(frozen=True, slots=True)
 class StateLimits:
@@ -146,6 +149,10 @@ class ObjectModel:
         names = [part.name for part in self.parts]
         if len(set(names)) < len(names):
             raise ValueError(f"parts {names}: a name stands twice")
+
+    def __repr__(self) -> str:
+        parts = "; ".join(f"{part.name}: {part.posterior.kind}" for part in self.parts)
+        return f"<ObjectModel {parts}; made from {', '.join(self.sources) or 'nothing named'}>"
 
     def with_part(self, part: ModelPart) -> ObjectModel:
         """With another part, or another state of knowledge of one that has its name."""

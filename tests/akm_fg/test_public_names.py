@@ -72,6 +72,7 @@ def test_a_recording_is_read(door, tmp_path: Path) -> None:
     recording = akm_fg.read_recording(str(tmp_path / "door"))
     assert isinstance(recording, akm_fg.Recording)
     assert len(recording.frames) == len(door.recording.frames)
+    assert repr(recording) == f"<Recording door: {len(recording.frames)} frames of 320 x 240>"
 
 
 def test_a_posterior_shows_itself_in_words(log: Path) -> None:

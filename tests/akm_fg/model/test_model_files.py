@@ -152,6 +152,12 @@ def test_a_disk_that_refuses_leaves_the_old_model(door_model, tmp_path: Path, mo
     read_model(tmp_path)
 
 
+def test_models_and_surfaces_show_themselves_in_a_line(door_model) -> None:
+    assert repr(door_model) == "<ObjectModel part-0: revolute; made from clip>"
+    text = repr(door_model.parts[0])
+    assert "<Surface of " in text and "array" not in text.split("posterior=")[0]
+
+
 def test_records_refuse_what_contradicts_itself(door_model) -> None:
     part = door_model.parts[0]
     with pytest.raises(ValueError, match="stands twice"):
