@@ -21,7 +21,7 @@ from pathlib import Path
 
 from akm_fg.arm.body.kinematics import FrankaKinematics
 from akm_fg.cli.demo_config import SimulatorConfig
-from experiments.oracle_pulls import run_published
+from experiments.hands.oracle_pulls import run_published
 from experiments.pages.tables import markdown, percent
 from experiments.rows.json_lines import append_line, whole_lines
 from experiments.rows.provenance import note_run

@@ -8,7 +8,7 @@ import pytest
 from akm_fg.arm.body.collision import ArmCollisions
 from akm_fg.arm.motion.surroundings import KnownScene, Surroundings
 from experiments import approaches
-from experiments.approaches import ApproachRow, reason, report, run_trial
+from experiments.hands.approaches import ApproachRow, reason, report, run_trial
 from sim.robot.franka import SimFranka
 
 

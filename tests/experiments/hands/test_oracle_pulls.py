@@ -8,7 +8,14 @@ import pytest
 pytest.importorskip("pybullet", reason="the simulator is not installed")
 
 from akm_fg.arm.body.limits import LimitUsage
-from experiments.oracle_pulls import PullRow, append_row, failures, read_rows, run_trial, table
+from experiments.hands.oracle_pulls import (
+    PullRow,
+    append_row,
+    failures,
+    read_rows,
+    run_trial,
+    table,
+)
 
 USED = LimitUsage(0.2, 0.1, 0.4, 1.2, 0.3, 0.4)
 OPENED = PullRow(

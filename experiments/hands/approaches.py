@@ -1,6 +1,6 @@
 """Does the arm reach grasps from anywhere without touching anything but with its fingers?
 
-    python -m experiments.approaches --trials 200
+    python -m experiments.hands.approaches --trials 200
 
 Each trial: a random object of the suites, closed, a random clear configuration of the arm, a
 random view of the camera; the arm sees one noisy frame, plans, moves and approaches the given

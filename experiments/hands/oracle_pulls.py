@@ -1,7 +1,7 @@
 """With a perfect contact, which objects does the arm open by friction alone?
 
-    python -m experiments.oracle_pulls --suite furniture-dev
-    python -m experiments.oracle_pulls --suite furniture-116
+    python -m experiments.hands.oracle_pulls --suite furniture-dev
+    python -m experiments.hands.oracle_pulls --suite furniture-116
 
 A test of the simulated arm and hand, never used by the program: the arm knows the scene's true
 shapes, so that what a camera sees does not matter; the hand takes the handle at the
