@@ -34,8 +34,8 @@ class TransferConfig:
     """How much analogy is worth; measured for EfficientNet's features."""
 
     temperature: float = 0.03  # of scores: a place with so much less similarity weighs a third
-    # Share of the memories' vote in the kinds; the rest is even odds. On furniture-dev the vote says
-    # nothing of an object that was left out: likelihood is largest at 0.
+    # Share of the memories' vote in the kinds; the rest is even odds. On furniture-dev the vote
+    # says nothing of an object that was left out: likelihood is largest at 0.
     trust_in_kinds: float = 0.0
     finest_px: float = 2.0  # places scored are so far apart; between them scores are interpolated
 

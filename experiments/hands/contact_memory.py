@@ -1,6 +1,6 @@
 """Where does a memory of contacts point on objects that it has never met, and how far to trust it?
 
-    python -m experiments.contact_memory --suite furniture-dev --out runs/contact-memory
+    python -m experiments.hands.contact_memory --suite furniture-dev --out runs/contact-memory
 
 Each object of the suite is seen once, as exploration first sees it, and pulled at the free part's
 grip (`trials.first_looks`). Where that opened it and the contact is seen in the look, the contact

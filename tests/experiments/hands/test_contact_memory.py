@@ -14,7 +14,7 @@ pytest.importorskip("pybullet", reason="the simulator is not installed")
 from akm_fg.backends.networks.crops import SquareCrop
 from akm_fg.interfaces import FeatureMap
 from akm_fg.records import PinholeCamera, RgbdFrame
-from experiments.contact_memory import (
+from experiments.hands.contact_memory import (
     MemoryConfig,
     calibration_table,
     carried_over,
