@@ -13,6 +13,7 @@ from dataclasses import dataclass
 
 import gtsam
 import numpy as np
+from numpy.typing import NDArray
 from scipy.optimize import brentq
 
 from akm_fg.errors import TracksLost
@@ -121,7 +122,7 @@ def with_priors(
     """
     if not candidates:
         return ()
-    fronts = np.array([candidate.front for candidate in candidates])
+    fronts = rigid_groups(candidates)
     best = np.array([weights[fronts == front].max() for front in np.unique(fronts)])
 
     def closed(log_scale: float) -> float:
@@ -134,6 +135,26 @@ def with_priors(
         scale = np.exp(brentq(lambda x: closed(x) - wanted, low, high))
     priors = np.minimum(scale * weights, MOST_PRIOR)
     return tuple(
-        Contact(c.p_world, c.uv, c.normal_world, c.front, float(prior), c.what)
-        for c, prior in zip(candidates, priors, strict=True)
+        Contact(c.p_world, c.uv, c.normal_world, int(front), float(prior), c.what)
+        for c, front, prior in zip(candidates, fronts, priors, strict=True)
     )
+
+
+def rigid_groups(candidates: Sequence[ContactCandidate]) -> NDArray[np.int_]:
+    """(C,) which contacts move together, as far as can be seen.
+
+    A front has one handle: where several stand on what looks like one front, gaps between fronts
+    have been missed, and each handle is taken to have a front of its own. Two handles on one wide
+    drawer then cost a second pull, where the other mistake would leave the free one untried.
+    """
+    groups = np.array([candidate.front for candidate in candidates], dtype=int)
+    handles: dict[int, set[int]] = {}
+    for candidate in candidates:
+        if candidate.thing is not None:
+            handles.setdefault(candidate.front, set()).add(candidate.thing)
+    own: dict[int, int] = {}
+    for place, candidate in enumerate(candidates):
+        if candidate.thing is not None and len(handles[candidate.front]) > 1:
+            new = int(groups.max(initial=0)) + 1
+            groups[place] = own.setdefault(candidate.thing, new)
+    return groups

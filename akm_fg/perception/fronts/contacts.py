@@ -7,7 +7,7 @@ that stands free, or in a recess; in its middle hardly ever.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -71,7 +71,11 @@ def contacts_of(
     """The same of fronts that were found already."""
     config = config or ContactConfig()
     seen = _Seen(frame)
-    found = [c for p in fronts.protrusions for c in _of_protrusion(p, fronts, seen, config)]
+    found = [
+        replace(c, thing=i)
+        for i, p in enumerate(fronts.protrusions)
+        for c in _of_protrusion(p, fronts, seen, config)
+    ]
     for i, front in enumerate(fronts.fronts):
         found.extend(_of_front(i, front, seen, config))
     return tuple(sorted(found, key=lambda c: -c.prior)[: config.most])

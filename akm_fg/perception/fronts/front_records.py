@@ -109,3 +109,4 @@ class ContactCandidate:
     normal_world: FloatArray  # (3,) unit, out of the front
     prior: float  # in (0, 1)
     what: ContactKind
+    thing: int | None = None  # which protrusion; None of edges and plain places
