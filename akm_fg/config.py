@@ -11,6 +11,7 @@ from akm_fg.estimation.config import FitConfig
 from akm_fg.exploration.config import ExploreConfig
 from akm_fg.model.config import ModelConfig
 from akm_fg.perception.config import PerceptionConfig
+from akm_fg.relocalization.config import RelocalizationConfig
 from akm_fg.report.overlay import OverlayConfig
 from akm_fg.stages import ModelSettings
 from akm_fg.stream.config import StreamConfig
@@ -38,6 +39,7 @@ class AkmConfig:
     explore: ExploreConfig = field(default_factory=ExploreConfig)
     episode: EpisodeConfig = field(default_factory=EpisodeConfig)
     model: ModelConfig = field(default_factory=ModelConfig)
+    relocalization: RelocalizationConfig = field(default_factory=RelocalizationConfig)
     overlay: OverlayConfig = field(default_factory=OverlayConfig)
     calibration: CalibrationConfig = field(default_factory=CalibrationConfig)
 

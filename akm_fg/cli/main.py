@@ -94,6 +94,7 @@ _COMMANDS = {
     "objects": "objects",
     "convert": "recordings.convert",
     "calibrate": "calibrate",
+    "relocalize": "models.relocalize",
     "export": "models.export",
     "view": "models.view",
     "doctor": "doctor",

@@ -22,6 +22,7 @@ class LikelihoodConfig:
     behind: float = 0.03
     depth_range_m: float = 1.0  # over which what is not on the surface may lie
     model_m: float = 0.003  # of the surface and its joint, beyond the reading's noise
+    off_sigmas: float = 3.0  # beyond which a reading is not on the surface
     as_one: float = 4.0  # readings that err together, of the spread points
     least_cosine: float = 0.2
     hidden_m: float = 0.02  # a point so far behind another surface of the model is hidden by it
@@ -38,6 +39,11 @@ class SearchConfig:
     step_m: float = 0.006  # of the farthest part of the surface, between two states
     most_states: int = 241
     least_log_odds: float = 12.0  # for being there at all, against a scene without the part
+    # Of the readings: a part in its place has nearly all on its surface; other furniture a third.
+    least_on: float = 0.5
+    most_behind: float = 0.15
+    least_readings: int = 30
+    elsewhere: int = 4  # every how manieth state is tried where a followed part seems hidden
     apart_sigmas: float = 4.0  # hypotheses nearer than this are one
     kept: int = 5
 

@@ -14,6 +14,8 @@ the evidence for q. States that hide the part gain nothing and lose nothing.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from akm_fg.model.records import ModelPart, Surface
@@ -21,6 +23,16 @@ from akm_fg.perception.depth.depth_noise import DepthNoiseModel
 from akm_fg.perception.surface.known_surface import KnownSurface, readings
 from akm_fg.records import BoolArray, FloatArray, RgbdFrame
 from akm_fg.relocalization.config import LikelihoodConfig
+
+
+@dataclass(frozen=True, slots=True)
+class Shares:
+    """Of the readings at points that a state puts before the camera."""
+
+    readings: int
+    on: float  # the surface
+    before: float  # it: something is in the way
+    behind: float  # it: the camera looks through
 
 
 class StateLikelihood:
@@ -47,6 +59,21 @@ class StateLikelihood:
         """(Q,) evidence for each state, nats, against a scene without the part."""
         buffer = self._static_depth(frame)
         return np.array([self._of_state(frame, noise, float(state), buffer) for state in q])
+
+    def shares(self, frame: RgbdFrame, noise: DepthNoiseModel, q: float) -> Shares:
+        """What the readings say of a state, point by point."""
+        x, normal = self.surface.moved(q)
+        read = readings(frame, noise, x, normal, self.config.least_cosine)
+        used = read.seen & self._before(frame, x, normal, self._static_depth(frame))
+        e = read.off_m[used] / np.hypot(read.sigma_m[used], self.config.model_m)
+        n = max(e.size, 1)
+        off = self.config.off_sigmas
+        return Shares(
+            int(e.size),
+            float((np.abs(e) <= off).sum()) / n,
+            float((e > off).sum()) / n,
+            float((e < -off).sum()) / n,
+        )
 
     def shown(self, frame: RgbdFrame, q: float) -> BoolArray:
         """(S,) points that a state puts before the camera, as far as the model itself goes."""

@@ -13,7 +13,7 @@ import numpy as np
 
 from akm_fg.model.records import ObjectModel
 from akm_fg.perception.depth.depth_noise import DepthNoiseModel
-from akm_fg.perception.surface.known_surface import Found, readings
+from akm_fg.perception.surface.known_surface import Found
 from akm_fg.records import FloatArray, RgbdFrame
 from akm_fg.relocalization.bayes_filters import GridFilter, StateFilter
 from akm_fg.relocalization.config import RelocalizationConfig
@@ -164,7 +164,11 @@ class Relocalizer:
         step = float(q[1] - q[0])
         found: list[tuple[float, float, float]] = []
         ends = [self._measured(frame, float(q[k]), 1.5 * step) for k in peaks]
-        told = [(end, float(q[k])) for end, k in zip(ends, peaks, strict=True) if end is not None]
+        told = [
+            (end, float(q[k]))
+            for end, k in zip(ends, peaks, strict=True)
+            if end is not None and self._fits(frame, end.q)
+        ]
         if not told:
             return Hypotheses(np.zeros(0), np.zeros(0), np.zeros(0))
         odds = self._likelihood.log_odds(frame, self._noise, np.array([end.q for end, _ in told]))
@@ -183,6 +187,12 @@ class Relocalizer:
         rest = float(np.clip(1.0 - self._near(np.array([f[0] for f in found]), step), 0.0, 1.0))
         weights = weights / weights.sum() * (1.0 - rest)
         return Hypotheses(np.array([f[0] for f in found]), np.array([f[1] for f in found]), weights)
+
+    def _fits(self, frame: RgbdFrame, q: float) -> bool:
+        """Whether what is seen at a state is the part, as far as nothing stands in the way."""
+        c, shares = self.config.search, self._likelihood.shares(frame, self._noise, q)
+        enough = shares.readings >= c.least_readings and shares.on >= c.least_on
+        return enough and shares.behind <= c.most_behind
 
     def _near(self, q: FloatArray, step: float) -> float:
         """Share of the grid's probability within three steps of any of the states."""
@@ -211,11 +221,10 @@ class Relocalizer:
             else:
                 self._against += 1
                 reason = "the surface is found where the belief does not expect it"
-        elif self._contradicted(frame, predicted):
-            self._against += 1
-            reason = "the camera looks through where the part should be"
         else:
-            reason = "the part is hidden"
+            reason = self._against_belief(frame, predicted)
+            self._against += reason is not None
+            reason = reason or "the part is hidden"
         if self._against >= c.patience:
             return self._lose(frame, reason or "frames contradict the belief")
         mean, sd = kalman.mean, float(np.sqrt(kalman.variance + self._of_model(kalman.mean)))
@@ -263,16 +272,23 @@ class Relocalizer:
         variance = c.likelihood.as_one / found.information + (c.shared_m / found.along_m) ** 2
         return _Measured(found.q, variance, share)
 
-    def _contradicted(self, frame: RgbdFrame, q: float) -> bool:
-        """Whether most of what should be seen is looked through."""
-        surface = self._likelihood.surface
-        x, normal = surface.moved(q)
-        read = readings(frame, self._noise, x, normal, self.config.match.least_cosine)
-        shown = self._likelihood.shown(frame, q) & read.seen
-        if shown.sum() < 10:
-            return False
-        through = read.off_m[shown] < -self.config.match.gates_m[0]
-        return bool(through.mean() > 0.5)
+    def _against_belief(self, frame: RgbdFrame, q: float) -> str | None:
+        """Why a part that is not found where it is believed is not just hidden; None: it may be."""
+        c, shares = self.config.search, self._likelihood.shares(frame, self._noise, q)
+        if shares.readings < c.least_readings:
+            return None
+        if shares.behind > 0.5:
+            return "the camera looks through where the part should be"
+        states = self._grid.states[:: c.elsewhere]
+        odds = self._likelihood.log_odds(frame, self._noise, states)
+        best = float(states[int(odds.argmax())])
+        here = float(self._likelihood.log_odds(frame, self._noise, np.array([q]))[0])
+        if odds.max() - max(here, 0.0) < c.least_log_odds:
+            return None
+        measured = self._measured(frame, best, 2.0 * abs(float(states[1] - states[0])))
+        if measured is None or not self._fits(frame, measured.q):
+            return None
+        return "the part is seen at another state"
 
     def _of_model(self, q: float) -> float:
         """Variance of a state that the joint's own covariance leaves, the surface held.

@@ -1,0 +1,125 @@
+"""Where a modelled part is: from anywhere, followed, hidden, moved unseen, and not there at all."""
+
+from dataclasses import replace
+
+import gtsam
+import numpy as np
+import pytest
+
+from akm_fg.model.build import FittedRecording, build_model
+from akm_fg.records import Recording
+from akm_fg.relocalization.relocalizer import Relocalizer
+from akm_fg.stream.seen_so_far import Hand
+
+
+@pytest.fixture(scope="module", params=["door", "drawer"])
+def known(request, fit_of):
+    """A clip, and the model that was made of it."""
+    clip = request.getfixturevalue(request.param)
+    return clip, model_of(clip, fit_of)
+
+
+def model_of(clip, fit_of):
+    return build_model(FittedRecording.of(Recording("clip", clip.frames), fit_of(clip)))
+
+
+def states_of(clip, model) -> np.ndarray:
+    """The true states, with the sign of the model's axis."""
+    fitted = model.parts[0].states.mean
+    return np.asarray(clip.states) * np.sign(fitted[-1] * clip.states[-1])
+
+
+def dark(frame, stamp_s=None):
+    """The camera is covered."""
+    depth = np.full_like(frame.depth_m, np.nan)
+    return replace(frame, depth_m=depth, stamp_s=stamp_s or frame.stamp_s)
+
+
+def at(frame, stamp_s):
+    return replace(frame, stamp_s=stamp_s)
+
+
+def assert_told(belief, q):
+    assert belief.mode == "tracking"
+    assert abs(belief.mean - q) < 3.5 * belief.sd
+    assert belief.sd < 0.01
+
+
+@pytest.mark.parametrize("number", [0, 6, -1])
+def test_it_is_found_from_anywhere_in_one_frame(known, number):
+    clip, model = known
+    belief = Relocalizer(model).update(clip.frames[number])
+    assert_told(belief, states_of(clip, model)[number])
+    assert belief.probability > 0.99
+
+
+def test_it_is_followed_and_the_innovations_are_no_larger_than_they_should_be(known):
+    clip, model = known
+    follower, nis = Relocalizer(model), []
+    for frame, q in zip(clip.frames, states_of(clip, model), strict=True):
+        belief = follower.update(frame)
+        assert_told(belief, q)
+        nis += [] if belief.nis is None else [belief.nis]
+    assert np.mean(nis) < 3.0
+
+
+def test_while_it_is_hidden_the_belief_widens_and_afterwards_it_is_found(known):
+    clip, model = known
+    follower = Relocalizer(model)
+    first = follower.update(clip.frames[0])
+    widths = [first.sd]
+    for k in range(1, 11):
+        belief = follower.update(dark(clip.frames[0], clip.frames[0].stamp_s + 0.1 * k))
+        assert belief.mode == "tracking" and not belief.seen
+        assert belief.reason == "the part is hidden"
+        widths.append(belief.sd)
+    assert (np.diff(widths) > 0).all() and widths[-1] > 3 * widths[0]
+    found = follower.update(at(clip.frames[3], clip.frames[0].stamp_s + 1.2))
+    assert_told(found, states_of(clip, model)[3])
+
+
+def test_a_part_that_was_moved_while_nobody_looked_is_noticed_and_found_again(known):
+    clip, model = known
+    follower = Relocalizer(model)
+    for k in range(3):
+        follower.update(at(clip.frames[0], 1.0 + 0.03 * k))
+    last, told = len(clip.frames) - 1, []
+    for k in range(5):
+        told.append(follower.update(at(clip.frames[last], 1.1 + 0.03 * k)))
+    assert_told(told[-1], states_of(clip, model)[last])
+    assert any("found again" in (belief.reason or "") for belief in told) or told[0].seen
+    wrong = [b for b in told if b.seen and abs(b.mean - states_of(clip, model)[last]) > 5 * b.sd]
+    assert not wrong
+
+
+def test_a_hand_that_holds_carries_the_state_of_a_hidden_part(known):
+    clip, model = known
+    joint, q = model.parts[0].joint.joint, states_of(clip, model)
+    x = model.parts[0].surface.p_world.mean(axis=0) + np.array([0.0, 0.02, 0.0])
+    R, t = joint.motion(q)
+    hands = [gtsam.Pose3(gtsam.Rot3(), R[k] @ x + t[k]) for k in range(q.size)]
+    follower = Relocalizer(model)
+    follower.update(clip.frames[0], Hand(hands[0], True))
+    for k in range(1, q.size):
+        belief = follower.update(dark(clip.frames[k]), Hand(hands[k], True))
+    assert not belief.seen
+    assert abs(belief.mean - q[-1]) < 3.5 * belief.sd
+    assert belief.sd < 0.1 * abs(q[-1])
+
+
+def test_another_objects_model_is_not_believed(door, drawer, fit_of):
+    for own, other in ((door, drawer), (drawer, door)):
+        model = model_of(own, fit_of)
+        follower = Relocalizer(model)
+        away = gtsam.Pose3(gtsam.Rot3(), np.array([0.4, 0.3, 0.2]))
+        far = [replace(frame, T_world_cam=away * frame.T_world_cam) for frame in other.frames]
+        beliefs = [follower.update(frame) for frame in far]
+        assert all(belief.mode != "tracking" or belief.probability < 0.99 for belief in beliefs)
+
+
+def test_frames_come_in_the_order_of_their_time(known):
+    clip, model = known
+    follower = Relocalizer(model)
+    follower.update(clip.frames[1])
+    with pytest.raises(ValueError, match="after one at"):
+        follower.update(clip.frames[0])
