@@ -20,7 +20,7 @@ from akm_fg.errors import InputError
 SIDES = ("colour", "depth")
 EXPECTED = "a whole RealSense recording with depth and colour"
 PLAYER = "akm_fg.io.sources.realsense.player"
-PATIENCE_S = 30.0  # sound files of gigabytes answer within seconds
+PATIENCE_S = 60.0  # sound files of gigabytes answer within seconds on a machine that is not busy
 COLOURS = {  # of librealsense's formats: channels, and how OpenCV makes RGB of it
     "rgb8": (3, None),
     "bgr8": (3, cv2.COLOR_BGR2RGB),
