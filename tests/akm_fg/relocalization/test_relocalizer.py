@@ -1,12 +1,16 @@
 """Where a modelled part is: from anywhere, followed, hidden, moved unseen, and not there at all."""
 
+import json
 from dataclasses import replace
 
 import gtsam
 import numpy as np
 import pytest
 
+from akm_fg.cli.main import main
+from akm_fg.io.recording_writer import write_recording
 from akm_fg.model.build import FittedRecording, build_model
+from akm_fg.model.write import write_model
 from akm_fg.records import Recording
 from akm_fg.relocalization.relocalizer import Relocalizer
 from akm_fg.stream.seen_so_far import Hand
@@ -123,3 +127,18 @@ def test_frames_come_in_the_order_of_their_time(known):
     follower.update(clip.frames[1])
     with pytest.raises(ValueError, match="after one at"):
         follower.update(clip.frames[0])
+
+
+def test_the_command_tells_states_with_deviations(known, tmp_path, capsys):
+    clip, model = known
+    (tmp_path / "model").mkdir()
+    write_model(tmp_path / "model", model)
+    write_recording(tmp_path / "later", Recording("later", clip.frames[::3]))
+    words = ["relocalize", str(tmp_path / "model"), str(tmp_path / "later")]
+    assert main([*words, "--json", str(tmp_path / "states.json")]) == 0
+    told = json.loads((tmp_path / "states.json").read_text())
+    q = states_of(clip, model)[::3]
+    assert np.abs(np.array(told["mean"]) - q).max() < 0.01
+    assert set(told["mode"]) == {"tracking"}
+    assert main([*words, "--part", "lid"]) == 2
+    assert "'lid' is not in the model; expected one of part-0" in capsys.readouterr().err

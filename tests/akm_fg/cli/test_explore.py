@@ -1,0 +1,80 @@
+"""`akm-fg explore`: what it refuses at once, and one exploration from end to end."""
+
+import json
+
+import pytest
+
+from akm_fg.cli.exploring.explore import ExploreArguments, command_of
+from akm_fg.cli.main import main
+
+pytest.importorskip("pybullet")
+OBJECT = "furniture-dev/drawer-001"
+
+
+def refused(capsys, *words) -> str:
+    assert main(["explore", *words]) == 2
+    told = capsys.readouterr().err.strip().splitlines()
+    assert len(told) == 1
+    return told[0]
+
+
+@pytest.mark.parametrize(
+    ("words", "told"),
+    [
+        (("--max-attempts", "0"), "--max-attempts: is 0; expected 1 or more"),
+        (("--object", "furniture-dev/door-999"), "no such object"),
+        (("--object", "nowhere.urdf"), "is no suite's object, file or folder"),
+        (("--seed", "-1"), "--seed: is -1"),
+        (("--resume", "/nonexistent"), "cannot be read"),
+    ],
+)
+def test_what_cannot_be_explored_is_one_line(capsys, words, told):
+    assert told in refused(capsys, *words)
+
+
+def test_a_run_of_another_object_is_not_gone_on_with(capsys, tmp_path):
+    told = {"schema": "akm-fg/explore/1", "object": "furniture-dev/door-001", "seed": 3}
+    (tmp_path / "explore.json").write_text(json.dumps(told))
+    line = refused(capsys, "--object", OBJECT, "--resume", str(tmp_path))
+    assert "is of furniture-dev/door-001 with seed 3" in line
+    (tmp_path / "explore.json").write_text(json.dumps({**told, "object": OBJECT, "seed": 0}))
+    line = refused(capsys, "--object", OBJECT, "--resume", str(tmp_path))
+    assert "is not a whole exploration" in line
+    (tmp_path / "explore.json").write_text("[1]")
+    assert "is no JSON object" in refused(capsys, "--object", OBJECT, "--resume", str(tmp_path))
+
+
+def test_the_command_that_is_told_repeats_the_run():
+    arguments = ExploreArguments(object=OBJECT, seed=4, stop="threshold", without_ca=True)
+    words = command_of(arguments)
+    assert words == f"akm-fg explore --object {OBJECT} --seed 4 --stop threshold --without-ca"
+
+
+@pytest.mark.slow
+def test_an_exploration_leaves_recordings_a_model_and_a_report(tmp_path, capsys):
+    out = tmp_path / "told.json"
+    code = main(["explore", "--object", OBJECT, "--rig-errors", "--out", str(tmp_path),
+                 "--json", str(out)])  # fmt: skip
+    told = json.loads(out.read_text())
+    (folder,) = tmp_path.glob("*-explore-*")
+    assert code == 0 and told["opened"]
+    assert told["truth"]["final_state"] > 0.05
+    last = told["attempts"][-1]
+    assert last["outcome"] == "opened" and last["stretches"][-1]["kind"] == "prismatic"
+    assert (folder / last["recording"] / "recording.json").exists()
+    assert (folder / "model.json").exists() and (folder / "report.html").exists()
+    again = ["fit", str(folder / last["recording"]), "--json", str(tmp_path / "fit.jsonl")]
+    assert main([*again, "--config", str(folder / "config.toml")]) == 0
+    fitted = json.loads((tmp_path / "fit.jsonl").read_text())
+    model = json.loads((folder / "model.json").read_text())["parts"][0]["posterior"]
+    assert fitted["joint"]["T_world_joint"] == model["joint"]["T_world_joint"]
+
+
+@pytest.mark.slow
+def test_where_everything_is_locked_nothing_is_called_opened(tmp_path, capsys):
+    out = tmp_path / "told.json"
+    code = main(["explore", "--object", OBJECT, "--locked", "--out", str(tmp_path),
+                 "--json", str(out)])  # fmt: skip
+    told = json.loads(out.read_text())
+    assert code == 1 and not told["opened"] and told["model"] is None
+    assert "nothing" in told["failure"]
