@@ -42,7 +42,7 @@ class FrankaConfig:
     blocked_m: float = 0.012  # behind its reference on the approach: the hand has met something
     guarded_m: float = 0.015  # the last stretch of it, where something may be touched early
     guarded_m_s: float = 0.012  # there: an impact stays within the joints' accelerations
-    feel_m_s: float = 0.02  # where something is met that nobody knows where to expect
+    feel_m_s: float = 0.007  # where something may be met anywhere: as `guarded_m_s`, and slower
     felt_back_m: float = 0.004  # from it, before the fingers close: they do not drag along it
     arrival_m: float = 0.008  # farther than this from the grasp pose: something was in the way
     close_max_s: float = 4.5  # 40 mm at 15 mm/s, and time to squeeze

@@ -65,8 +65,8 @@ class Pull:
 
     @property
     def finished(self) -> bool:
-        """Gone far enough and at rest, or stopped because the part does not give."""
-        return self._still_for >= self._config.settle_s or not self.gave
+        """Gone far enough, or stopped because the part does not give; and at rest, without load."""
+        return self._still_for >= self._config.settle_s
 
     def wrench(self, T: FloatArray, twist: FloatArray, dt: float) -> FloatArray:
         """Force and moment (6,) at the gripper, world axes.
@@ -88,6 +88,8 @@ class Pull:
         across = twist[:3] - along * self._direction
         force = min(push, c.force_max_n) * self._direction - c.across_n_s_m * across
         self._notice_stuck(dt)
+        if not self.gave:
+            self._unload(dt)
         return np.concatenate([bounded(force, 1.5 * c.force_max_n), self._moment(T, twist, dt)])
 
     def _moment(self, T: FloatArray, twist: FloatArray, dt: float) -> FloatArray:
@@ -121,16 +123,20 @@ class Pull:
         wanted = min(c.speed_m_s, float(np.sqrt(2.0 * c.ramp_m_s2 * left)))
         self._speed = min(wanted, self._speed + c.ramp_m_s2 * dt)
         if left <= 1e-3:
-            self._speed = 0.0
-            self._lag_m *= 1.0 - dt / 0.1
-            self._still_for += dt
+            self._unload(dt)
+
+    def _unload(self, dt: float) -> None:
+        """The force fades: a hand that lets go under load springs."""
+        self._speed = 0.0
+        self._lag_m *= 1.0 - dt / 0.1
+        self._still_for += dt
 
     def _notice_stuck(self, dt: float) -> None:
         if self.travelled_m - self._stuck_at > self._config.progress_m:
             self._stuck_at, self._stuck_for = self.travelled_m, 0.0
         elif self._config.gain_n_m * self._lag_m > 0.95 * self._config.force_max_n:
             self._stuck_for += dt
-        self.gave = self._stuck_for < self._config.stuck_s
+        self.gave = self.gave and self._stuck_for < self._config.stuck_s
 
 
 def _unit(v: FloatArray) -> FloatArray:

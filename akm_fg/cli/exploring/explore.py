@@ -14,6 +14,8 @@ from akm_fg.cli.object_argument import parse_object
 from akm_fg.cli.output import json_output, write_line
 from akm_fg.errors import InputError
 
+TURNS_RAD = 0.8  # of a hand on what it holds, beyond which it does not hold it
+
 if TYPE_CHECKING:
     import tyro
 
@@ -119,7 +121,7 @@ def explore_request(
     config = chosen_config(
         config or DemoConfig(), arguments.config, arguments.tracker, arguments.segmenter
     )
-    config = replace(config, explore=_chosen(arguments, config.explore))
+    config = replace(_with_turning_hand(config), explore=_chosen(arguments, config.explore))
     if arguments.rig_errors and config.sim.rig == PERFECT:
         config = replace(config, sim=replace(config.sim, rig=RigErrors()))
     stages = stages_of(config)
@@ -135,6 +137,21 @@ def explore_request(
         thing, arguments.object, arguments.seed, arguments.locked, folder, config, stages,
         command_of(arguments),
     )  # fmt: skip
+
+
+def _with_turning_hand(config: DemoConfig) -> DemoConfig:
+    """With room for fingers that turn on what they hold, where no file says how much.
+
+    A compliant pull leaves the hand's orientation free: on a bar or knob it turns by 20 to 30 deg.
+    """
+    from akm_fg.perception.rig.gripper_place import GripperPlaceConfig
+
+    usual, rig = GripperPlaceConfig(), config.perception.rig
+    if rig.gripper.turn_rad != usual.turn_rad:
+        return config
+    gripper = replace(rig.gripper, turn_rad=TURNS_RAD)
+    perception = replace(config.perception, rig=replace(rig, gripper=gripper))
+    return replace(config, perception=perception)
 
 
 def command_of(arguments: ExploreArguments) -> str:
