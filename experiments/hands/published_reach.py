@@ -7,7 +7,7 @@ Nobody looks whether the arm can open an object before it is put there, so that 
 opened whatever one knows. Counted by kinematics alone: a grasp of the true handle, and joint angles
 that take it along the true motion. `--simulate` grasps and follows in the simulator, past true
 obstacles, by friction alone. Opened is 5 cm or 5 deg, the paper's ESR_5; the whole standard range
-is counted too. Writes one JSON row an object and runs none twice. About 3 s of CPU an object, and
+is counted too. Writes one JSON row an object and runs none twice. About 2 s of CPU an object, and
 10 s with `--simulate`.
 """
 
