@@ -28,6 +28,7 @@ class EdgeConfig:
     board_m: float = 0.018
     deep_m: float = 0.018  # from the edge to the middle of the pads: `EDGE_GRIP` of the suites
     tilts_rad: tuple[float, ...] = (0.0, 0.4, -0.4)  # in the board's plane: both pads stay on it
+    apart_rad: float = 1.1  # between directions that are both taken
     best: int = 3  # directions
 
 
@@ -55,20 +56,31 @@ def edge_poses(
     d = points - p_world
     flat = np.abs(d @ normal) < config.flat_m
     xy = d[flat] @ plane
-    ends = []
+    ends: list[tuple[float, FloatArray]] = []
     for angle in np.arange(config.directions) * 2.0 * np.pi / config.directions:
         out = np.array([np.cos(angle), np.sin(angle)])
         end = _end(xy, out, pixel_m, config)
         if end is not None:
             ends.append((end, plane @ out))
     ends.sort(key=lambda one: one[0])
-    for end, out_world in ends[: config.best]:
+    for end, out_world in _apart(ends, config)[: config.best]:
         R = np.column_stack([np.cross(normal, -out_world), normal, -out_world])
         for tilt in config.tilts_rad:
             T = np.eye(4)
             T[:3, :3] = R @ gtsam.Rot3.Ry(tilt).matrix()
             T[:3, 3] = p_world + (end - config.deep_m) * out_world - config.board_m / 2 * normal
             yield T, tilt
+
+
+def _apart(
+    ends: list[tuple[float, FloatArray]], config: EdgeConfig
+) -> list[tuple[float, FloatArray]]:
+    """The nearest end, and others in clearly different directions: what is between is oblique."""
+    kept: list[tuple[float, FloatArray]] = []
+    for end, out in ends:
+        if all(out @ other < np.cos(config.apart_rad) for _, other in kept):
+            kept.append((end, out))
+    return kept
 
 
 def _end(xy: FloatArray, out: FloatArray, pixel_m: float, config: EdgeConfig) -> float | None:

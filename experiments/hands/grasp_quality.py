@@ -74,8 +74,8 @@ def run_object(name: str, seed: int, grasps: int) -> list[GraspRow]:
     with open_world(
         f"{SUITE}/{name}", seed, "d455", view=view, franka_config=franka, locked=True
     ) as episode:
-        frame = _look(episode)
-        found = _proposals(episode, frame)
+        frame = look_with_the_arm_aside(episode)
+        found = proposals_at_the_handle(episode, frame)
         spec = episode.world.spec
         assert isinstance(spec, FurnitureSpec)  # as all of the suite
         style = spec.handle.style
@@ -112,7 +112,7 @@ def run_object(name: str, seed: int, grasps: int) -> list[GraspRow]:
         return rows
 
 
-def _look(episode: SimEpisode) -> RgbdFrame:
+def look_with_the_arm_aside(episode: SimEpisode) -> RgbdFrame:
     """A frame with the arm aside, as an explorer takes it."""
     frame, arm = episode.camera.capture(), episode.arm
     q = arm.measured_joints()[0]
@@ -131,7 +131,9 @@ def _put(episode: SimEpisode, q: FloatArray) -> None:
     episode.arm.gripper.open()
 
 
-def _proposals(episode: SimEpisode, frame: RgbdFrame) -> tuple[str, list[ScoredGrasp]] | None:
+def proposals_at_the_handle(
+    episode: SimEpisode, frame: RgbdFrame
+) -> tuple[str, list[ScoredGrasp]] | None:
     """Of the contact nearest to the true handle: what it is, and the grasps."""
     world = episode.world
     handle = (world.placement.T_world_object * world.built.T_object_handle).translation()

@@ -65,7 +65,7 @@ def test_a_board_that_stands_over_is_pinched_at_its_edge(sampler, make_chest):
     for grasp in grasps:
         R, p = grasp.T_world_grasp.rotation().matrix(), grasp.T_world_grasp.translation()
         assert abs(R[:, 1] @ OUT) > 0.95  # a finger on either side of the board
-        assert R[1, 2] < -0.85  # comes from beside it
+        assert R[1, 2] < -0.8  # comes from beside it
         assert np.linalg.norm(p - edge - [0.01, -0.018, 0.0]) < 0.012
         assert grasp.quality < 0.6  # nobody has seen that there is room behind
 
