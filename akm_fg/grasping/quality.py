@@ -1,6 +1,7 @@
 """How likely a grasp holds: a logistic regression on what is seen of it.
 
-Its weights were fitted to simulated pulls of `furniture-dev` (docs/decisions/0019).
+Its weights are a guess that was held against simulated pulls of `furniture-dev`
+(docs/decisions/0018).
 """
 
 from __future__ import annotations

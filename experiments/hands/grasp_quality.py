@@ -8,7 +8,7 @@ grasps that are sampled there: the best and others at random. The arm takes hold
 with 60 N. A grasp holds if something is still between the fingers and the hand has gone less than
 `SLIPPED_M`. One row a grasp in `runs/grasp_quality.jsonl`, written as it ends; objects that are
 there already are not run again. Prints a table of claimed against observed shares and the weights
-that fit the rows. About 15 s of one core a grasp. Feeds docs/decisions/0019.
+that fit the rows. About 15 s of one core a grasp. Feeds docs/decisions/0018.
 """
 
 from __future__ import annotations

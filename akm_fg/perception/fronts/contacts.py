@@ -23,7 +23,7 @@ from akm_fg.records import BoolArray, FloatArray, RgbdFrame
 
 @dataclass(frozen=True, slots=True)
 class ContactConfig:
-    """Which places are proposed. How they were counted: docs/decisions/0019."""
+    """Which places are proposed. How they were counted: docs/decisions/0018."""
 
     fronts: FrontsConfig = field(default_factory=FrontsConfig)
     protrusion: float = 0.9
