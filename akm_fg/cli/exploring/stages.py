@@ -52,4 +52,4 @@ def _analogy(config: AkmConfig, family: str | None, notes: list[str]) -> Analogy
         return None
     if config.explore.zero_shot and family is not None:
         memory = memory.without_family(family)
-    return Analogy(memory, features)
+    return Analogy(memory.in_terms_of(features), features)

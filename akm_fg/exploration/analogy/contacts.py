@@ -155,6 +155,14 @@ class ContactMemory:
         kept = tuple(contact for contact in self.contacts if contact.object_name != name)
         return ContactMemory(self.made_by, kept)
 
+    def in_terms_of(self, dense: DenseFeatures) -> ContactMemory:
+        """The memory as these features describe it: itself, if they are its own."""
+        if not self.contacts:
+            return self
+        first = self.contacts[0]
+        made_by = dense.describe(first.crop_rgb, first.crop_mask).made_by
+        return self if made_by == self.made_by else self.described_by(dense)
+
     def described_by(self, dense: DenseFeatures) -> ContactMemory:
         """The same contacts, described by other features: by their pictures."""
         made_by, anew = self.made_by, []

@@ -1,6 +1,6 @@
 """A memory on disk: `contacts.json` says what is remembered, an npz beside it holds the arrays.
 
-    {"schema": "akm-fg/contacts/1", "made_by": "network/layer/size", "arrays": "arrays-....npz",
+    {"schema": "akm-fg/contacts/1", "made_by": "network/layer/size", "arrays": "arrays-DIGEST.npz",
      "contacts": [{"object", "family", "kind", "contact_uv": [2], "contact_world": [3],
                    "direction_front": [3], "picture": [first, last], "mask": [first, last]}]}
 
@@ -13,10 +13,10 @@ lets one writer in at a time. So a reader finds the memory before or after, neve
 from __future__ import annotations
 
 import fcntl
+import hashlib
 import io
 import json
 import os
-import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -41,6 +41,8 @@ INDEX = "contacts.json"
 WHAT = f"a folder of remembered contacts ({SCHEMA})"
 JPEG_QUALITY = 90
 MAX_CONTACTS = 100_000
+DIGITS = 12  # of the content's digest, in the arrays' name
+PART = ".part"  # of files that are being written
 
 
 def read_memory(path: Path) -> ContactMemory:
@@ -118,34 +120,33 @@ def _write(path: Path, memory: ContactMemory) -> None:
             pictures += _encoded(image)
             row[name] = [first, len(pictures)]
         rows.append(row)
-    arrays = _place(path, "arrays-", ".npz")
-    with arrays.open("wb") as file:
-        np.savez(
-            file,
-            features=_stacked([contact.feature for contact in memory.contacts]),
-            descriptors=_stacked([contact.descriptor for contact in memory.contacts]),
-            pictures=np.frombuffer(bytes(pictures), dtype=np.uint8),
-        )
+    written = io.BytesIO()
+    np.savez(
+        written,
+        features=_stacked([contact.feature for contact in memory.contacts]),
+        descriptors=_stacked([contact.descriptor for contact in memory.contacts]),
+        pictures=np.frombuffer(bytes(pictures), dtype=np.uint8),
+    )
+    content = written.getvalue()
+    arrays = path / f"arrays-{hashlib.sha256(content).hexdigest()[:DIGITS]}.npz"
+    _put(arrays, content)
     said = {
         "schema": SCHEMA,
         "made_by": memory.made_by,
         "arrays": arrays.name,
         "contacts": rows,
     }
-    index = _place(path, ".contacts-", ".part")
-    index.write_text(json.dumps(said, indent=1) + "\n", encoding="utf-8")
-    os.replace(index, path / INDEX)
-    for other in path.glob("arrays-*.npz"):
+    _put(path / INDEX, (json.dumps(said, indent=1) + "\n").encode())
+    for other in (*path.glob("arrays-*.npz"), *path.glob(f"*{PART}")):
         if other != arrays:
             other.unlink()
 
 
-def _place(folder: Path, prefix: str, suffix: str) -> Path:
-    """A new, empty file that whoever may read the folder may read."""
-    number, name = tempfile.mkstemp(suffix, prefix, folder)
-    os.fchmod(number, 0o644)
-    os.close(number)
-    return Path(name)
+def _put(path: Path, content: bytes) -> None:
+    """A file with all of its content, or as it was before."""
+    part = path.with_suffix(PART)  # one writer at a time: see `_locked`
+    part.write_bytes(content)
+    os.replace(part, path)
 
 
 def _stacked(vectors: list[NDArray[np.float32]]) -> NDArray[np.float32]:

@@ -76,6 +76,11 @@ def test_other_features_describe_the_pictures_anew(memory: ContactMemory) -> Non
     again = memory.described_by(ColourFeatures())
     for one, other in zip(memory.contacts, again.contacts, strict=True):
         np.testing.assert_allclose(one.feature, other.feature, atol=0.12)
+    assert memory.in_terms_of(ColourFeatures()) is memory
+    other = ColourFeatures()
+    other.made_by = "other"
+    assert memory.in_terms_of(other).made_by == "other"
+    assert ContactMemory("", ()).in_terms_of(other).contacts == ()
     with pytest.raises(ValueError, match="described by colours/20, the contact by other"):
         memory.with_contact(memory.contacts[0], "other")
 
@@ -101,15 +106,21 @@ def test_an_interruption_while_growing_leaves_the_memory_as_it_was(
 ) -> None:
     memory.write(tmp_path)
 
-    def interrupted(*_: object) -> None:
-        raise KeyboardInterrupt
+    real = memory_folder.os.replace
+    for last in ("arrays", "contacts.json"):  # what was about to take its place
 
-    with monkeypatch.context() as during:
-        during.setattr(memory_folder.os, "replace", interrupted)
-        with pytest.raises(KeyboardInterrupt):
-            add_contact(tmp_path, memory.contacts[0], MADE_BY)
-    assert len(ContactMemory.read(tmp_path).contacts) == 3
+        def interrupted(part: Path, place: Path, last: str = last) -> None:
+            if place.name.startswith(last):
+                raise KeyboardInterrupt
+            real(part, place)
+
+        with monkeypatch.context() as during:
+            during.setattr(memory_folder.os, "replace", interrupted)
+            with pytest.raises(KeyboardInterrupt):
+                add_contact(tmp_path, memory.contacts[0], MADE_BY)
+        assert len(ContactMemory.read(tmp_path).contacts) == 3
     assert len(add_contact(tmp_path, memory.contacts[0], MADE_BY).contacts) == 4
+    assert len(list(tmp_path.iterdir())) == 2
 
 
 def test_what_cannot_be_written_is_said_in_a_line(memory: ContactMemory, tmp_path: Path) -> None:
