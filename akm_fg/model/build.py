@@ -63,6 +63,7 @@ def build_model(
 
     Raises:
         InsufficientData: nothing moves in the best fit, or too little of the part was seen.
+        ValueError: a posterior of other frames than its recording's.
     """
     perception, config = perception or PerceptionConfig(), config or ModelConfig()
     everything = [fitted, *more]
@@ -96,6 +97,8 @@ def _seen(fitted: FittedRecording, perception: PerceptionConfig, config: ModelCo
     if best.joint is None or best.states is None:
         raise InsufficientData(f"{recording.name}: nothing moves; expected a part for a model")
     q: FloatArray = best.states.mean
+    if q.size != len(recording.frames):
+        raise ValueError(f"{q.size} states of {len(recording.frames)} frames")
     frames = spread_frames(q, config.frames)
     if not frames:
         raise InsufficientData(f"{recording.name}: the part is seen in no frame")

@@ -102,6 +102,13 @@ def test_nothing_that_moves_is_no_model(fitted_door) -> None:
         build_model(fitted_door, config=ModelConfig(frames=2, least_points=10**6))
 
 
+def test_a_posterior_of_other_frames_is_refused(fitted_door) -> None:
+    frames = fitted_door.recording.frames
+    short = replace(fitted_door.recording, frames=frames[:-1])
+    with pytest.raises(ValueError, match=f"{len(frames)} states of {len(frames) - 1} frames"):
+        build_model(replace(fitted_door, recording=short))
+
+
 def test_more_recordings_of_a_part_add_to_its_surface(fitted_door) -> None:
     config = ModelConfig(frames=2)
     one = build_model(fitted_door, config=config)
