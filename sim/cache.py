@@ -1,7 +1,7 @@
 """Files that are made once and kept in the user's cache folder between runs.
 
 `$XDG_CACHE_HOME/akm-fg`, or `~/.cache/akm-fg` (other systems: where `platformdirs` says), or the
-temporary folder where there is no home.
+temporary folder where there is no home. A folder of another owner is not used.
 An entry is a folder that is made beside its place and renamed into it when it is whole: an
 interruption leaves no half entry, and of several processes that make the same one, the first
 wins. Who makes one holds a lock on its folder, so that what a killed process left is known, and
@@ -11,6 +11,7 @@ no place outside themselves; the folder may be deleted at any time.
 
 from __future__ import annotations
 
+import atexit
 import fcntl
 import functools
 import hashlib
@@ -18,6 +19,7 @@ import importlib.metadata
 import logging
 import os
 import shutil
+import stat
 import tempfile
 import time
 from collections.abc import Callable, Sequence
@@ -38,16 +40,30 @@ DEPENDENCIES = ("numpy", "scipy", "scene_synthesizer", "trimesh", "pin", "coacd"
 
 
 def cache_folder() -> Path:
-    """Where entries live; it exists."""
+    """Where entries live; it exists, and is this user's own: others might put there anything."""
     try:
         base = platformdirs.user_cache_path("akm-fg", appauthor=False)
         base.mkdir(parents=True, exist_ok=True)
-        if os.access(base, os.W_OK):
+        if os.access(base, os.W_OK) and base.stat().st_uid == os.getuid():
             return base
     except (OSError, RuntimeError) as error:  # RuntimeError: nobody knows this user's home
         LOG.debug("no cache folder: %s", error)
     base = Path(tempfile.gettempdir()) / f"akm-fg-cache-{os.getuid()}"
-    base.mkdir(parents=True, exist_ok=True)
+    try:
+        base.mkdir(mode=0o700, parents=True, exist_ok=True)
+        found = base.lstat()  # a link is somebody's trap
+        if stat.S_ISDIR(found.st_mode) and found.st_uid == os.getuid():
+            return base
+    except OSError as error:
+        LOG.debug("no cache folder: %s", error)
+    return _of_this_process()
+
+
+@functools.cache
+def _of_this_process() -> Path:
+    """A folder that goes with the process."""
+    base = Path(tempfile.mkdtemp(prefix="akm-fg-cache-"))
+    atexit.register(shutil.rmtree, base, ignore_errors=True)
     return base
 
 

@@ -70,13 +70,24 @@ def _run(argv: list[str]) -> int:
     return code
 
 
+class _PrintableLines(logging.Formatter):
+    """Names of files in messages cannot write to the terminal."""
+
+    def formatMessage(self, record: logging.LogRecord) -> str:
+        from akm_fg.report.wording import printable
+
+        return printable(super().formatMessage(record))
+
+
 def _set_up_log() -> None:
     from akm_fg.errors import InputError
 
     level = os.environ.get("AKM_FG_LOG", "WARNING").upper()
     if level not in logging.getLevelNamesMapping():
         raise InputError("AKM_FG_LOG", f"is {level!r}", "DEBUG, INFO, WARNING or ERROR")
-    logging.basicConfig(level=level, format="%(levelname)s %(message)s")
+    handler = logging.StreamHandler()
+    handler.setFormatter(_PrintableLines("%(levelname)s %(message)s"))
+    logging.basicConfig(level=level, handlers=[handler])
     if level == "WARNING":  # progress of what takes long is told unless somebody wants less
         logging.getLogger("akm_fg.progress").setLevel(logging.INFO)
     if level != "DEBUG":

@@ -56,6 +56,36 @@ def test_a_user_chooses_the_folder_has_one_in_the_home_or_gets_a_temporary_one(
     assert cache_folder() == temporary
 
 
+def test_a_folder_of_another_owner_is_not_used(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    assert cache_folder() == tmp_path / "akm-fg"
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
+    uid = os.getuid() + 1  # whose are neither the folder in XDG_CACHE_HOME nor that in /tmp
+    monkeypatch.setattr(os, "getuid", lambda: uid)
+    shared = tmp_path / f"akm-fg-cache-{uid}"
+    shared.mkdir()
+    found = cache_folder()
+    assert (
+        found.is_dir() and found.parent == tmp_path and found not in (shared, tmp_path / "akm-fg")
+    )
+    assert cache_folder() == found  # one for the whole process
+    assert found.stat().st_mode & 0o077 == 0
+
+
+def test_a_link_in_the_temporary_folder_is_not_followed(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    (tmp_path / "file").touch()
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "file"))
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
+    elsewhere = tmp_path / "elsewhere"
+    elsewhere.mkdir()
+    link = tmp_path / f"akm-fg-cache-{os.getuid()}"
+    link.symlink_to(elsewhere)
+    cache._of_this_process.cache_clear()
+    assert cache_folder() not in (link, elsewhere)
+    cache._of_this_process.cache_clear()
+
+
 def test_an_entry_is_made_once():
     made = []
 
