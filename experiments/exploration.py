@@ -251,6 +251,7 @@ def curve(rows: Sequence[ExplorationRow]) -> str:
     return markdown(["opened after at most", *(f"{n} pulls" for n in CURVE)], lines)
 
 
+SORTS = ("drawer", "slide", "door", "thing")  # how objects are named
 CURVE = (1, 2, 3, 4, 5, 8, 12, 25)
 
 
@@ -259,7 +260,8 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--suite", default="furniture-dev", choices=sorted(ALL_SUITES))
     parser.add_argument("--settings", nargs="+", default=["full"], choices=sorted(SETTINGS))
-    parser.add_argument("--every", type=int, default=1, help="every how manieth object")
+    parser.add_argument("--every", type=int, default=1, help="every how manieth of each sort")
+    parser.add_argument("--sorts", nargs="+", default=SORTS, choices=SORTS)
     parser.add_argument("--of", type=int, nargs=2, default=(0, 1), metavar=("K", "N"))
     parser.add_argument("--seed", type=int, default=10_001)
     parser.add_argument("--limit", type=int, help="stop after so many new trials")
@@ -279,8 +281,11 @@ def _run_missing(arguments: argparse.Namespace, folder: Path) -> None:
     part, parts = arguments.of
     file = folder / f"rows-{part}-of-{parts}.jsonl"
     done = {(row.name, row.setting, row.seed) for row in read_rows(folder)}
-    names = sorted(find_suite(arguments.suite).names(), key=lambda name: name[-3:])
-    chosen = [f"{arguments.suite}/{name}" for name in names[:: arguments.every]][part::parts]
+    names = find_suite(arguments.suite).names()
+    by_sort = [[n for n in names if n.startswith(sort)] for sort in arguments.sorts]
+    of_each = [name for some in by_sort for name in some[:: arguments.every]]
+    order = sorted(of_each, key=lambda name: name[-3:])  # drawers and doors by turns
+    chosen = [f"{arguments.suite}/{name}" for name in order[part::parts]]
     wanted = [(name, s) for s in arguments.settings for name in chosen]
     missing = [key for key in wanted if (*key, arguments.seed) not in done]
     for k, (name, setting) in enumerate(missing[: arguments.limit], 1):
