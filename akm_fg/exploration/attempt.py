@@ -199,7 +199,7 @@ class Trier:
     def _opened_already(self) -> bool:
         stretches = self._tried.attempt.stretches
         need = self._config.stopping.need
-        return bool(stretches) and moved_enough(stretches[-1], self._turns(), need)
+        return any(moved_enough(stretch, self._turns(), need) for stretch in stretches)
 
     def _stretch(self, direction_world: FloatArray, distance_m: float) -> FloatArray:
         """Pull on; returns how far (3,) the hand went."""

@@ -56,7 +56,8 @@ def enough(stretches: Sequence[Stretch], turns: bool, config: StopConfig) -> str
     """Why the pull may stop now, in words; None where it should go on."""
     last = stretches[-1]
     likely = max(last.kind_probability.values(), default=0.0)
-    if last.bounds is None or not moved_enough(last, turns, config.need):
+    far = any(moved_enough(stretch, turns, config.need) for stretch in stretches)
+    if last.bounds is None or not far:
         return None
     if likely < config.need.kind_probability:
         return None

@@ -1,3 +1,5 @@
+from dataclasses import replace
+
 import numpy as np
 
 from akm_fg.exploration.records import Bounds, Stretch
@@ -62,3 +64,9 @@ def test_the_papers_threshold_asks_for_half_the_pulled_way():
     )
     assert by_threshold(tracks, 0.10, RULES)
     assert not by_threshold(tracks, 0.13, RULES)
+
+
+def test_a_part_that_was_far_and_is_no_longer_seen_was_opened_all_the_same():
+    unseen = replace(stretch(GOOD, None), state=None, state_sd=None)
+    assert enough([stretch(VAGUE, BETTER), unseen], True, RULES) is not None
+    assert enough([unseen], True, RULES) is None

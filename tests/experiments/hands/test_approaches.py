@@ -7,7 +7,7 @@ import pytest
 
 from akm_fg.arm.body.collision import ArmCollisions
 from akm_fg.arm.motion.surroundings import KnownScene, Surroundings
-from experiments import approaches
+from experiments.hands import approaches
 from experiments.hands.approaches import ApproachRow, reason, report, run_trial
 from sim.robot.franka import SimFranka
 
