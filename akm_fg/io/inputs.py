@@ -16,13 +16,17 @@ RECORDING_FILE = "recording.json"
 FitInput = Recording | TracksInput | PoseTrack
 
 POSE_LOG_SUFFIXES = (".log", ".txt", ".dat", ".csv", ".tsv", ".tum", ".kitti", ".traj")
-WHAT = "a recording folder, tracks (.npz), or a pose log (" + ", ".join(POSE_LOG_SUFFIXES) + ")"
+WHAT = (
+    "a recording folder, tracks (.npz), a pose log ("
+    + ", ".join(POSE_LOG_SUFFIXES)
+    + "), or a recording that akm-fg convert reads"
+)
 
 
 def read_input(
     path: Path, first_frames: int | None = None, options: ReadOptions | None = None
 ) -> FitInput:
-    """Read a recording (folder), tracks (.npz) or a pose log (.log, .txt, .csv, .tum, ...).
+    """Read a recording of any known format, tracks (.npz) or a pose log (.log, .txt, .csv, ...).
 
     Args:
         path: of the input.
@@ -30,7 +34,7 @@ def read_input(
         options: what a person says of the input that its file does not.
 
     Raises:
-        InputError: it does not exist, is none of the three, or is broken; or frames are asked for
+        InputError: it does not exist, is none of these, or is broken; or frames are asked for
             from what is no recording.
     """
     path = Path(path)
@@ -48,7 +52,7 @@ def read_input(
     if is_folder:
         return read_recording(path)  # says what is missing
     if first_frames is not None:
-        raise InputError(path, "has no frames to choose from", "a recording folder with --frames")
+        raise InputError(path, "has no frames to choose from", "a recording with --frames")
     if path.suffix.lower() == ".npz":
         return read_tracks(path, options)
     if path.suffix.lower() in POSE_LOG_SUFFIXES:

@@ -15,7 +15,7 @@ from akm_fg.io.sources.pictures import colour_of, depth_of, file_bytes, size_of
 from akm_fg.io.sources.source import Images, Lens, Pair, RawDepth, SourceOptions
 from akm_fg.records import PinholeCamera
 
-INTRINSICS = "`--intrinsics fx,fy,cx,cy` in pixels"
+INTRINSICS = "`akm-fg convert --intrinsics fx,fy,cx,cy` in pixels"
 JSON_FILES = 20  # of a folder that are looked into
 
 

@@ -81,8 +81,8 @@ def test_the_reader_is_chosen_by_what_the_path_is(tmp_path: Path) -> None:
         read_input(tmp_path)
     with pytest.raises(InputError, match="does not exist; expected a recording folder, tracks"):
         read_input(tmp_path / "nothing")
-    (tmp_path / "a.bag").write_bytes(b"#ROSBAG")
-    with pytest.raises(InputError, match=r"ends in '\.bag'; expected a recording folder"):
-        read_input(tmp_path / "a.bag")
+    (tmp_path / "a.odd").write_bytes(b"#ROSBAG")
+    with pytest.raises(InputError, match=r"ends in '\.odd'; expected a recording folder"):
+        read_input(tmp_path / "a.odd")
     with pytest.raises(InputError, match="is not a usable path"):
         read_input(Path("a" * 5000))

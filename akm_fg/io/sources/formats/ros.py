@@ -116,7 +116,9 @@ def _lenses(
     if sizes[0] == sizes[1] and topics[0].frame == topics[1].frame:
         return colour, colour
     problem = f"has no CameraInfo of {sizes[1][0]}x{sizes[1][1]} pixels beside {topics[1].topic}"
-    raise InputError(path, problem, "one, or --registered if depth is at the colour's pixels")
+    raise InputError(
+        path, problem, "one, or `akm-fg convert --registered` if depth is at the colour's pixels"
+    )
 
 
 def _registered(options: SourceOptions, topics: tuple[PictureTopic, PictureTopic]) -> bool:
@@ -143,7 +145,9 @@ def _colour_from_depth(
             f"no transform between colour's frame {colour.frame!r} and depth's {depth.frame!r}"
         )
         raise InputError(
-            path, problem, "one in /tf_static, or --registered if depth is at the colour's pixels"
+            path,
+            problem,
+            "one in /tf_static, or `akm-fg convert --registered` if depth is at colour's pixels",
         )
     return T
 
