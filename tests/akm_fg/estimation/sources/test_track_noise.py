@@ -67,6 +67,17 @@ def test_the_correlation_time_is_that_of_the_noise_whatever_the_fit_has_hidden(
     assert_allclose(visible, (left**2).mean(), atol=0.08)
 
 
+def test_of_noise_of_first_order_the_time_lacks_the_tail_that_cannot_be_told_from_none():
+    """Of (1 + r) / (1 - r) = 9 frames a share 2 * 0.05 / (1 + r): what is left out below 0.05."""
+    rng, r, times = np.random.default_rng(6), 0.8, []
+    for _ in range(10):
+        e = rng.normal(size=(60, 40, 3))
+        for t in range(1, 60):
+            e[t] = r * e[t - 1] + np.sqrt(1 - r * r) * e[t]
+        times.append(correlation_time(e, np.ones((60, 40), bool), 0, 0.0)[0])
+    assert_allclose(np.mean(times), 9 * (1 - 2 * 0.05 / (1 + r)), rtol=0.04)
+
+
 def test_the_time_of_tracks_is_that_of_their_noise():
     rng = np.random.default_rng(1)
     time, visible = correlation_frames(said(without_slow_terms(averaged(rng, 80, 60, 4), 1)))
