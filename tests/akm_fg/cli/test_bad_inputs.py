@@ -279,7 +279,7 @@ def _others(folder: Path) -> dict[str, tuple[Path, str]]:
         "HDF5 as archive": ("hdf.npz", b"\x89HDF\r\n", "looks like an HDF5 file"),
         "a spoilt archive": ("spoilt.npz", data[:200] + b"\xff" * 9 + data[209:], "is damaged"),
         "a bag": ("a.bag", b"#ROSBAG", "does not begin as a .bag file does"),
-        "a film": ("a.mp4", b"\0\0\0 ftyp", "ends in '.mp4'"),
+        "a film": ("a.mp4", b"\0\0\0 ftyp", "has no a.npz beside it"),
         "no ending": ("README", b"1 2 3\n", "has no ending"),
         "an array": ("a.npy", b"\x93NUMPY", "ends in '.npy'"),
         "a name with a newline": ("a\nb.log", b"", "has no rows"),

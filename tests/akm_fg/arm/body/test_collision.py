@@ -13,7 +13,7 @@ from akm_fg.arm.body.collision import (
     SELF_PAIRS,
     ArmCollisions,
     Obstacle,
-    _robot,
+    hull_parts,
     inside_arm,
     resampled,
 )
@@ -68,7 +68,7 @@ def test_the_arm_may_not_fold_into_itself():
 
 
 def test_no_other_parts_than_the_listed_pairs_and_neighbours_can_meet():
-    model, hulls = _robot(franka_description())
+    model, hulls = hull_parts(franka_description())
     others = hulls.copy()
     others.removeAllCollisionPairs()
     n = len(ROBOT_LINKS)
@@ -89,12 +89,12 @@ def test_no_other_parts_than_the_listed_pairs_and_neighbours_can_meet():
 def corners() -> list[np.ndarray]:
     return [
         np.array([shape.geometry.point(i) for i in range(shape.geometry.num_points)])
-        for shape in _robot(franka_description())[1].geometryObjects
+        for shape in hull_parts(franka_description())[1].geometryObjects
     ]
 
 
 def corners_world(q: np.ndarray) -> np.ndarray:
-    model, hulls = _robot(franka_description())
+    model, hulls = hull_parts(franka_description())
     data, places = model.createData(), hulls.createData()
     q_all = np.concatenate([q, [0.04, 0.04]])
     pin.updateGeometryPlacements(model, data, hulls, places, q_all)
