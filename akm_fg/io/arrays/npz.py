@@ -34,7 +34,7 @@ _SUFFIX = ".npy"
 
 
 def load_arrays(
-    path: Path, wanted: Collection[str], what: str, most_numbers: int = 3 * MAX_NUMBERS
+    path: Path, wanted: Collection[str], what: str, most_numbers: int | None = None
 ) -> dict[str, NDArray[Any]]:
     """The arrays of these names, by lower-case name, that the archive holds.
 
@@ -66,7 +66,7 @@ def load_arrays(
     try:
         with zipfile.ZipFile(path) as archive:
             members = _members(path, archive, wanted, what)
-            _check_sizes(path, archive, members, most_numbers)
+            _check_sizes(path, archive, members, most_numbers or 3 * MAX_NUMBERS)
             for name, member in members.items():
                 with archive.open(member) as file_:
                     arrays[name] = np.asarray(np.lib.format.read_array(file_, allow_pickle=False))
