@@ -13,7 +13,9 @@ import akm_fg
 from akm_fg.cli.main import main
 from akm_fg.export.config import ExportConfig
 from akm_fg.export.pieces import convex_pieces
+from akm_fg.io.recording_writer import write_recording
 from akm_fg.model.write import write_model
+from akm_fg.records import Recording
 
 DOCS = Path(__file__).resolve().parents[3] / "docs" / "model.md"
 COMMANDS = re.findall(r"^ {4}akm-fg (.+)$", DOCS.read_text(), re.M)
@@ -21,10 +23,12 @@ PYTHON = re.findall(r"```python\n(.*?)```", DOCS.read_text(), re.S)
 
 
 @pytest.fixture
-def kitchen(door_model, tmp_path: Path, monkeypatch) -> Path:
+def kitchen(door, door_model, tmp_path: Path, monkeypatch) -> Path:
     """A model where the page has one; meshes are small, and nothing waits for a browser."""
     (tmp_path / "runs" / "kitchen").mkdir(parents=True)
     write_model(tmp_path / "runs" / "kitchen", door_model)
+    later = Recording("later", door.frames[::5])
+    write_recording(tmp_path / "runs" / "kitchen" / "recording", later)
     monkeypatch.chdir(tmp_path)
     small = ExportConfig(triangles=500, poisson_depth=5)
     monkeypatch.setattr("akm_fg.export.describe.ExportConfig", lambda: small)
