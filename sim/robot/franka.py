@@ -244,7 +244,7 @@ class SimFranka:
         self._q_rest = motion.q[-1].copy()
 
     def _approach(
-        self, T_world_grasp: gtsam.Pose3, choice: GraspConfiguration, feel_m: float
+        self, T_world_grasp: gtsam.Pose3, choice: GraspConfiguration, feel_m: float = 0.0
     ) -> Iterator[FloatArray]:
         c, T = self.config, T_world_grasp
         speed_m_s = min(

@@ -25,9 +25,17 @@ OF_BACKENDS = {
     "Sam2Config",
 }
 # Rooms that no run hands any settings yet: they work with their defaults.
-DEFAULTS_ALONE = {"ContactConfig", "ExportConfig", "FrontConfig", "TransferConfig"}
+DEFAULTS_ALONE = {
+    "CheckConfig",
+    "ContactConfig",
+    "ExportConfig",
+    "FrontConfig",
+    "HintConfig",
+    "TransferConfig",
+}
 # What objects, places and pictures of suites are made with: the same for everybody, whoever runs.
 NOT_OF_A_RUN = {
+    "FaceConfig",
     "FixedViewConfig",
     "FurniturePlaceConfig",
     "PlacementConfig",

@@ -1,6 +1,7 @@
 """The simulated board is drawn where the truth says, and shown in poses that calibrate."""
 
 from dataclasses import replace
+from itertools import product
 
 import cv2
 import gtsam
@@ -86,9 +87,10 @@ def test_the_board_is_whole_in_every_image_and_touches_nothing(rig):
 def test_a_board_inside_the_furniture_is_noticed(rig):
     world = rig.world
     front = world.placement.T_world_object
-    into = front * gtsam.Pose3(gtsam.Rot3.Rx(-np.pi / 2), np.array([0.0, -0.1, 0.3]))
     found = False
-    for turn in np.linspace(0, 2 * np.pi, 7):
+    place = world.built.p_object_front - np.array([0.0, 0.1, 0.0])
+    for tilt_deg, turn in product((-60.0, -90.0, -120.0), np.linspace(0, 2 * np.pi, 7)):
+        into = front * gtsam.Pose3(gtsam.Rot3.Rx(np.deg2rad(tilt_deg)), place)
         q = world.kinematics.solve(
             into * gtsam.Pose3(gtsam.Rot3.Rz(turn), np.zeros(3)), np.zeros(7)
         )
