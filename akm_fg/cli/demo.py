@@ -198,15 +198,13 @@ def make_run_folder(out: Path, name: str) -> Path:
 
 
 def _write(folder: Path, summary: RunSummary, config: DemoConfig) -> None:
+    from akm_fg.io.png import replace_file
     from akm_fg.io.posteriors.posterior_json import posterior_as_line
     from akm_fg.report.write import write_report
 
     if summary.posterior is not None:
-        path = folder / "posterior.json"
-        try:
-            path.write_text(posterior_as_line(summary.posterior) + "\n", encoding="utf-8")
-        except OSError as error:
-            raise OutputError(f"{path}: cannot be written ({error.strerror})") from error
+        line = posterior_as_line(summary.posterior) + "\n"
+        replace_file(folder / "posterior.json", line.encode())
     write_report(folder / "report.html", summary, config.overlay)
 
 

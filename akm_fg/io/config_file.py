@@ -14,8 +14,9 @@ from collections.abc import Collection, Iterable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
-from akm_fg.errors import InputError, OutputError
+from akm_fg.errors import InputError
 from akm_fg.io.files.config_refusals import NONE, at, refused, unknown
+from akm_fg.io.png import replace_file
 
 if TYPE_CHECKING:
     from _typeshed import DataclassInstance
@@ -92,15 +93,12 @@ def config_as_toml(config: DataclassInstance, heading: Iterable[str] = ()) -> st
 
 
 def write_config(path: Path, config: DataclassInstance, heading: Iterable[str] = ()) -> None:
-    """Write the whole tree, see `config_as_toml`.
+    """Write the whole tree in one step, see `config_as_toml`.
 
     Raises:
         OutputError: the disk refuses.
     """
-    try:
-        path.write_text(config_as_toml(config, heading), encoding="utf-8")
-    except OSError as error:
-        raise OutputError(f"{path}: cannot be written ({error.strerror})") from error
+    replace_file(path, config_as_toml(config, heading).encode())
 
 
 def _plain(value: Any) -> Any:

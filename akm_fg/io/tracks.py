@@ -6,6 +6,7 @@ as 0 or -1, millimetres. What was guessed is said (docs/conventions.md).
 
 from __future__ import annotations
 
+import io
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -13,9 +14,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from akm_fg.errors import InputError, OutputError
+from akm_fg.errors import InputError
 from akm_fg.io.arrays.layout import NAMES, POINTS, Layout, layout_of
 from akm_fg.io.arrays.npz import MAX_NUMBERS, load_arrays, names_in
+from akm_fg.io.png import replace_file
 from akm_fg.io.read_options import (
     LARGEST_EXTENT_M,
     LARGEST_NUMBER,
@@ -175,7 +177,7 @@ def _time_first(array: NDArray[Any], points: tuple[int, ...]) -> NDArray[Any]:
 
 
 def write_tracks(path: Path, tracks: PointTracks, noise_known: bool = True) -> None:
-    """Write tracks with their covariances, or without them where the noise is not known.
+    """Write tracks in one step, with their covariances or without where the noise is not known.
 
     Raises:
         ValueError: the name does not end in .npz.
@@ -184,11 +186,7 @@ def write_tracks(path: Path, tracks: PointTracks, noise_known: bool = True) -> N
     path = Path(path)
     if path.suffix != ".npz":
         raise ValueError(f"tracks go to a file that ends in .npz, not {path.name!r}")
-    try:
-        with path.open("wb") as file:
-            if noise_known:
-                np.savez_compressed(file, points=tracks.p_world, cov=tracks.cov_world)
-            else:
-                np.savez_compressed(file, points=tracks.p_world)
-    except OSError as e:
-        raise OutputError(f"{path}: cannot be written ({e.strerror})") from e
+    cov = {"cov": tracks.cov_world} if noise_known else {}
+    packed = io.BytesIO()
+    np.savez_compressed(packed, points=tracks.p_world, **cov)
+    replace_file(path, packed.getvalue())

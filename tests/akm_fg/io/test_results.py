@@ -1,13 +1,20 @@
 """Results on disk: the old file or whole lines of the new one, whatever happens."""
 
 import os
+import resource
+import signal
 import stat
 from pathlib import Path
 
+import numpy as np
 import pytest
 
+from akm_fg.config import AkmConfig
 from akm_fg.errors import OutputError
+from akm_fg.io.config_file import write_config
 from akm_fg.io.files.results import ResultFile
+from akm_fg.io.tracks import write_tracks
+from akm_fg.records import PointTracks
 
 
 def test_an_old_file_stays_until_the_first_line(tmp_path: Path) -> None:
@@ -105,3 +112,26 @@ def test_a_device_is_written_to_and_not_replaced(tmp_path: Path) -> None:
 def test_a_place_that_cannot_be_written_is_told_first(tmp_path: Path, name: str) -> None:
     with pytest.raises(OutputError, match="cannot be written"):
         ResultFile(tmp_path / name)
+
+
+def test_tracks_and_settings_that_a_full_disk_refuses_leave_the_old_files(tmp_path: Path) -> None:
+    small, large = (
+        PointTracks(np.zeros((4, n, 3)), np.random.default_rng(0).normal(size=(4, n, 3, 3)))
+        for n in (2, 500)
+    )
+    tracks, settings = tmp_path / "a.npz", tmp_path / "c.toml"
+    write_tracks(tracks, small)
+    write_config(settings, AkmConfig())
+    before = {path: path.read_bytes() for path in tmp_path.iterdir()}
+    limits = resource.getrlimit(resource.RLIMIT_FSIZE)
+    ignored = signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+    try:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (1000, limits[1]))
+        with pytest.raises(OutputError, match="cannot be written"):
+            write_tracks(tracks, large)
+        with pytest.raises(OutputError, match="cannot be written"):
+            write_config(settings, AkmConfig(), ("again",))
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, limits)
+        signal.signal(signal.SIGXFSZ, ignored)
+    assert {path: path.read_bytes() for path in tmp_path.iterdir()} == before
