@@ -188,5 +188,5 @@ def write_tracks(path: Path, tracks: PointTracks, noise_known: bool = True) -> N
         raise ValueError(f"tracks go to a file that ends in .npz, not {path.name!r}")
     cov = {"cov": tracks.cov_world} if noise_known else {}
     packed = io.BytesIO()
-    np.savez_compressed(packed, points=tracks.p_world, **cov)
+    np.savez_compressed(packed, points=tracks.p_world, **cov)  # type: ignore[arg-type]
     replace_file(path, packed.getvalue())
