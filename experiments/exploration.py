@@ -20,12 +20,13 @@ import sys
 import tempfile
 import time
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass, fields
+from dataclasses import asdict, dataclass, fields, replace
 from pathlib import Path
 
 import numpy as np
 
 from akm_fg.cli.exploring.explore import ExploreArguments, explore_request
+from akm_fg.cli.exploring.outcome import solved_frames
 from akm_fg.cli.exploring.simulated import Explored, explore_in_simulator
 from akm_fg.cli.object_argument import parse_object
 from akm_fg.errors import AkmError
@@ -119,6 +120,8 @@ def _row(
         bound = float(np.rad2deg(joint.axis_bound_rad()))
         if joint.pivot is not None and truth.pivot is not None:
             distance = line_distance_m(joint.pivot, joint.axis, truth.pivot, truth.axis)
+        solved = solved_frames(exploration)
+        truth = truth if solved is None else replace(truth, states=truth.states[:solved])
         fit = answer_of_posterior(posterior).fits.get(truth.kind)
         inside = None if fit is None else consistency_of(fit, truth).joint_inside95
     stretches = [] if last is None else [_stretch(each) for each in last.stretches]

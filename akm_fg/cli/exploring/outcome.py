@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 from akm_fg import __version__
@@ -23,8 +24,13 @@ REPORT = "report.html"
 def last_recording(
     exploration: Exploration, calibration: CalibrationErrors | None = None
 ) -> Recording | None:
-    """The frames of the attempt that the exploration's fit is of; else the first look."""
+    """The frames that the exploration's fit is of; without one, its last attempt's, or the first.
+
+    Looks that were taken after the last solution, as when a grip was lost, have no states.
+    """
     looks, first = exploration.looks, exploration.first_look
+    solved = solved_frames(exploration)
+    looks = looks if solved is None else looks[:solved]
     name = attempt_name(max(len(exploration.attempts) - 1, 0))
     if not looks:
         return None if first is None else Recording(name, (first,))
@@ -39,6 +45,13 @@ def last_recording(
         (held[0], last) if held else None,
         calibration,
     )
+
+
+def solved_frames(exploration: Exploration) -> int | None:
+    """Of the last attempt in which something moved, those that its fit has states of."""
+    if exploration.fit is None or exploration.fit.posterior.best.states is None:
+        return None
+    return len(exploration.fit.posterior.best.states.mean)
 
 
 def write_outcome(
@@ -70,12 +83,19 @@ def write_outcome(
         recording=recording,
         tracks=tracks,
         posterior=None if fit is None else fit.posterior,
-        truth=truth if len(truth.states) == len(recording.frames) else None,
+        truth=_of_frames(truth, len(recording.frames)),
         time_s=dict(exploration.time_s),
         failure=exploration.failure,
     )
     part = exploration_part(exploration, config.explore)
     write_report(folder / REPORT, summary, config.overlay, introduction=part)
+
+
+def _of_frames(truth: JointTruth, frames: int) -> JointTruth | None:
+    """The truth of the first frames; None where it is of another attempt."""
+    if len(truth.states) < frames:
+        return None
+    return replace(truth, states=truth.states[:frames])
 
 
 def write_part_model(folder: Path, exploration: Exploration, config: DemoConfig) -> Path | None:

@@ -1,0 +1,28 @@
+"""What an exploration leaves where its last looks have no states."""
+
+import numpy as np
+
+from akm_fg.cli.exploring.outcome import last_recording, solved_frames
+from akm_fg.exploration.records import Exploration
+from akm_fg.records import Look
+from tests.akm_fg.exploration.test_attempt import PaperCabinet, fit_of
+
+
+def test_frames_after_the_last_solution_are_no_part_of_what_was_fitted():
+    cabinet = PaperCabinet()
+    looks = [Look(cabinet.capture(), cabinet.T_world_gripper(), k in (1, 2, 3)) for k in range(7)]
+    exploration = Exploration(first_look=looks[0].frame, looks=looks, fit=fit_of(0.1, 5))
+    assert solved_frames(exploration) == 5
+    recording = last_recording(exploration)
+    assert len(recording.frames) == len(recording.T_world_gripper) == 5
+    assert recording.grasp_frames == (1, 3)
+
+
+def test_without_a_fit_all_looks_of_the_attempt_are_shown_and_without_any_the_first():
+    cabinet = PaperCabinet()
+    first = cabinet.capture()
+    looks = [Look(cabinet.capture(), cabinet.T_world_gripper(), False) for _ in range(3)]
+    assert len(last_recording(Exploration(first_look=first, looks=looks)).frames) == 3
+    (only,) = last_recording(Exploration(first_look=first)).frames
+    np.testing.assert_array_equal(only.rgb, first.rgb)
+    assert last_recording(Exploration()) is None
