@@ -2,20 +2,36 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
-from akm_fg.calibration.checks import doubts, require_square, require_turns, require_views
+from akm_fg.calibration.checks import (
+    LEAST_VIEWS,
+    doubts,
+    require_small,
+    require_square,
+    require_turns,
+    require_views,
+    stray_words,
+    strays,
+    typical_px,
+)
+from akm_fg.calibration.consistency import agreeing_views
 from akm_fg.calibration.graph import BOARD, CAM, GraphFit, solve
-from akm_fg.calibration.initial import find_start
+from akm_fg.calibration.initial import Start, ViewsAlone, find_start, views_alone
 from akm_fg.calibration.records import (
     INTRINSICS,
     CalibrationConfig,
     CalibrationViews,
     HandEyeCalibration,
+    LeftOut,
     ViewResidual,
 )
 from akm_fg.records import BoolArray, PinholeCamera
 from factors.measurements.board_view import INTRINSICS as CAL3DS2
+
+STRAY_ROUNDS = 4  # in each of which views may be left out
 
 
 def calibrate(
@@ -30,9 +46,13 @@ def calibrate(
     config = config or CalibrationConfig()
     require_views(data)
     warnings = require_turns(data, config)
-    start = find_start(data, config)
+    alone = views_alone(data, config)
+    kept, left_out, told = agreeing_views(data, config, alone)
+    data, alone = _chosen(data, kept), alone.chosen(kept)
+    start = find_start(data, config, alone)
     require_square(data, config, start)
-    fit = solve(data, config, start)
+    data, fit, strays = _without_strays(data, config, alone, start)
+    require_small(data, config, fit)
     order = [CAL3DS2.index(name) for name in INTRINSICS]
     free = _free(config)
     numbers = np.where(free, fit.intrinsics[order], start.intrinsics[order])
@@ -49,8 +69,31 @@ def calibrate(
         corner_scale_px=fit.scale_px,
         views=_residuals(data, fit),
         skipped=data.skipped,
-        warnings=warnings + doubts(data, config, fit),
+        left_out=tuple(sorted((*left_out, *strays), key=lambda view: view.frame)),
+        warnings=data.notes + warnings + told + stray_words(strays) + doubts(data, config, fit),
     )
+
+
+def _chosen(data: CalibrationViews, kept: BoolArray) -> CalibrationViews:
+    """Some of the views, (V,)."""
+    views = tuple(view for view, keep in zip(data.views, kept, strict=True) if keep)
+    return replace(data, views=views)
+
+
+def _without_strays(
+    data: CalibrationViews, config: CalibrationConfig, alone: ViewsAlone, start: Start
+) -> tuple[CalibrationViews, GraphFit, tuple[LeftOut, ...]]:
+    """The fit of what agrees with it; views that do not are left out, the worst first."""
+    fit, out = solve(data, config, start), []
+    for _ in range(STRAY_ROUNDS):
+        bad = strays(data, config, fit)
+        if not bad.any() or len(data.views) - int(bad.sum()) < LEAST_VIEWS:
+            break
+        off_px = [typical_px(e) for e in fit.errors_px]
+        out += [LeftOut(data.views[i].frame, off_px[i]) for i in np.flatnonzero(bad)]
+        data, alone = _chosen(data, ~bad), alone.chosen(~bad)
+        fit = solve(data, config, find_start(data, config, alone))
+    return data, fit, tuple(out)
 
 
 def _free(config: CalibrationConfig) -> BoolArray:

@@ -7,15 +7,23 @@ autonomous and efficient 3D robotics hand/eye calibration, 1989, sec. III).
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from scipy import stats
 
 from akm_fg.calibration.graph import GraphFit
 from akm_fg.calibration.initial import Start, reported_mount_holder
-from akm_fg.calibration.records import CalibrationConfig, CalibrationViews, CheckConfig
+from akm_fg.calibration.records import (
+    CalibrationConfig,
+    CalibrationViews,
+    CheckConfig,
+    LeftOut,
+)
 from akm_fg.errors import AxisUnobservable, InputError
-from akm_fg.records import FloatArray
+from akm_fg.records import BoolArray, FloatArray, PinholeCamera
 
+ROBOT_DOF = 6  # of a pose
 LEAST_VIEWS = 3  # two motions; OpenCV's hand-eye methods need as many
 
 
@@ -96,6 +104,54 @@ def require_square(data: CalibrationViews, config: CalibrationConfig, start: Sta
             f"`square_m` says {said:.4g} mm, but by the robot's motion it is {found:.4g} mm",
             "the side of a square as printed, and robot poses that belong to the images",
         )
+
+
+def strays(data: CalibrationViews, config: CalibrationConfig, fit: GraphFit) -> BoolArray:
+    """(V,) views that do not fit: a robot pose, or corners, far worse than those of the others.
+
+    Never more than the worse half, and of these the worst alone where the others may follow them.
+    """
+    checks, n = config.checks, len(data.views)
+    misfit = np.einsum("vi,vij,vj->v", fit.robot_errors, fit.robot_information, fit.robot_errors)
+    usual = max(1.0, float(np.median(misfit)) / float(stats.chi2.ppf(0.5, ROBOT_DOF)))
+    limit = usual * float(stats.chi2.ppf(1.0 - checks.stray_chance / n, ROBOT_DOF))
+    off_px = np.array([typical_px(e) for e in fit.errors_px])
+    limit_px = checks.stray_px * float(np.median(off_px))
+    worse = np.maximum(misfit / limit, (off_px / max(limit_px, 1e-9)) ** 2)
+    return np.asarray((worse > 1.0) & (worse >= 0.25 * worse.max()))
+
+
+def typical_px(errors: FloatArray) -> float:
+    """Median length of errors (N, 2): a few corners gone astray are no view that does not fit."""
+    return float(np.median(np.linalg.norm(errors, axis=1)))
+
+
+def stray_words(views: Sequence[LeftOut]) -> tuple[str, ...]:
+    """What is to be said of them."""
+    if not views:
+        return ()
+    frames = ", ".join(str(view.frame) for view in views)
+    return (f"frames {frames} do not fit the others (robot pose or corners), left out",)
+
+
+def require_small(data: CalibrationViews, config: CalibrationConfig, fit: GraphFit) -> None:
+    """Refuse a fit whose corners are far from where they were found.
+
+    Raises:
+        InputError: they are.
+    """
+    off_px, limit_px = typical_px(np.concatenate(fit.errors_px)), limit_off_px(data.camera, config)
+    if off_px > limit_px:
+        raise InputError(
+            data.name,
+            f"half of the corners are off by {off_px:.1f} px or more; the limit is {limit_px:.1f}",
+            "sharp images of the board that is described, and robot poses that belong to them",
+        )
+
+
+def limit_off_px(camera: PinholeCamera, config: CalibrationConfig) -> float:
+    """Of the median corner, for the size of the pictures."""
+    return config.checks.largest_off_px * camera.width / 640.0
 
 
 def _first_of_solution(A: FloatArray, b: FloatArray) -> tuple[float, float]:

@@ -41,6 +41,7 @@ class GraphFit:
     board_cov: FloatArray  # (6, 6)
     errors_px: tuple[FloatArray, ...]  # (N, 2) a view
     robot_errors: FloatArray  # (V, 6) rad and m: reported against estimated poses
+    robot_information: FloatArray  # (V, 6, 6) of these, as stated
     robot_misfit: float  # their squared Mahalanobis length, summed
     robot_misfit_dof: float  # what it should be
     scale_px: float  # of the Student-t
@@ -212,6 +213,7 @@ def _summary(problem: _Problem, values: gtsam.Values, scale: float, fitted: floa
         board_cov=cov.of(BOARD),
         errors_px=tuple(errors),
         robot_errors=robot,
+        robot_information=np.array([n.information() for n in problem.robot_noise]),
         robot_misfit=misfit,
         robot_misfit_dof=problem.robot_misfit_dof(cov),
         scale_px=scale,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 from dataclasses import dataclass
 
 import cv2
@@ -10,7 +11,7 @@ import numpy as np
 
 from akm_fg.calibration.records import CalibrationConfig, CalibrationViews
 from akm_fg.errors import AxisUnobservable
-from akm_fg.records import FloatArray
+from akm_fg.records import BoolArray, FloatArray
 from factors.measurements.board_view import project_corners
 
 HAND_EYE_METHODS = (cv2.CALIB_HAND_EYE_PARK, cv2.CALIB_HAND_EYE_DANIILIDIS)
@@ -30,19 +31,32 @@ class Start:
     T_holder_board: gtsam.Pose3
 
 
+@dataclass(frozen=True, slots=True)
+class ViewsAlone:
+    """What the images say without the robot."""
+
+    intrinsics: FloatArray  # (9,) in the order of Cal3DS2
+    T_cam_boards: tuple[gtsam.Pose3, ...]
+
+    def chosen(self, kept: BoolArray) -> ViewsAlone:
+        """Of some views, (V,)."""
+        some = tuple(T for T, keep in zip(self.T_cam_boards, kept, strict=True) if keep)
+        return ViewsAlone(self.intrinsics, some)
+
+
 def reported_mount_holder(data: CalibrationViews, config: CalibrationConfig) -> list[gtsam.Pose3]:
     """T_mount_holder of each view as the robot reports it."""
     poses = [view.T_world_gripper for view in data.views]
     return poses if config.camera_place == "fixed" else [T.inverse() for T in poses]
 
 
-def find_start(data: CalibrationViews, config: CalibrationConfig) -> Start:
-    """Intrinsics, each view's board pose, and the hand-eye solution that projects best.
+def find_start(data: CalibrationViews, config: CalibrationConfig, alone: ViewsAlone) -> Start:
+    """The hand-eye solution that projects best, beside what the images say alone.
 
     Raises:
         AxisUnobservable: none of OpenCV's methods finds a camera pose.
     """
-    intrinsics, T_cam_boards = _views_alone(data, config)
+    intrinsics, T_cam_boards = alone.intrinsics, list(alone.T_cam_boards)
     reported = reported_mount_holder(data, config)
     best: tuple[float, gtsam.Pose3, gtsam.Pose3] | None = None
     for T_mount_cam in _hand_eye_candidates(reported, T_cam_boards):
@@ -60,9 +74,22 @@ def find_start(data: CalibrationViews, config: CalibrationConfig) -> Start:
     return Start(intrinsics, tuple(T_cam_boards), best[1], best[2])
 
 
-def _views_alone(
-    data: CalibrationViews, config: CalibrationConfig
-) -> tuple[FloatArray, list[gtsam.Pose3]]:
+def views_alone(data: CalibrationViews, config: CalibrationConfig) -> ViewsAlone:
+    """Intrinsics and each view's board pose, by OpenCV.
+
+    Raises:
+        AxisUnobservable: the views leave the intrinsics open.
+    """
+    try:
+        return _views_alone(data, config)
+    except cv2.error as error:
+        raise AxisUnobservable(
+            f"{data.name}: the views leave the intrinsics open (OpenCV: {error.err}); expected "
+            "the board at several distances and tilts"
+        ) from error
+
+
+def _views_alone(data: CalibrationViews, config: CalibrationConfig) -> ViewsAlone:
     c = data.camera
     matrix: FloatArray = np.array([[c.fx, 0.0, c.cx], [0.0, c.fy, c.cy], [0.0, 0.0, 1.0]])
     points = [p.astype(np.float32) for p in data.p_boards]
@@ -85,7 +112,7 @@ def _views_alone(
     intrinsics = np.array(
         [matrix[0, 0], matrix[1, 1], skew, matrix[0, 2], matrix[1, 2], k1, k2, p1, p2]
     )
-    return intrinsics, poses
+    return ViewsAlone(intrinsics, tuple(poses))
 
 
 def _hand_eye_candidates(
@@ -100,11 +127,13 @@ def _hand_eye_candidates(
     t_hm = [-R.T @ t for R, t in zip(R_mh, t_mh, strict=True)]
     found = []
     for method in HAND_EYE_METHODS:
-        R, t = cv2.calibrateHandEye(R_hm, t_hm, R_cb, t_cb, method=method)
-        found.append((R, t.ravel()))
+        with contextlib.suppress(cv2.error):  # it found no rotation; another method may
+            R, t = cv2.calibrateHandEye(R_hm, t_hm, R_cb, t_cb, method=method)
+            found.append((R, t.ravel()))
     for method in ROBOT_WORLD_METHODS:
-        _, _, R, t = cv2.calibrateRobotWorldHandEye(R_cb, t_cb, R_mh, t_mh, method=method)
-        found.append((R.T, -R.T @ t.ravel()))
+        with contextlib.suppress(cv2.error):
+            _, _, R, t = cv2.calibrateRobotWorldHandEye(R_cb, t_cb, R_mh, t_mh, method=method)
+            found.append((R.T, -R.T @ t.ravel()))
     return [
         gtsam.Pose3(gtsam.Rot3.ClosestTo(R), t)
         for R, t in found

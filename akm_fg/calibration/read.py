@@ -5,6 +5,8 @@ The format is that of recordings (docs/conventions.md), without need of depth an
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import gtsam
@@ -29,6 +31,22 @@ def read_calibration_views(folder: Path, board: BoardSpec) -> CalibrationViews:
     fields = open_recording(folder)
     camera = read_camera(fields)
     grips = _grips(fields)
+    views, skipped, markers = _views(folder, camera, grips, board)
+    notes: tuple[str, ...] = ()
+    if not views and markers and board.squares_y % 2 == 0:  # else both patterns are the same
+        other = replace(board, legacy_pattern=not board.legacy_pattern)
+        views, skipped, _ = _views(folder, camera, grips, other)
+        notes, board = (_pattern_words(other),), other
+    if not views:
+        raise _no_board(folder, board, len(grips), markers)
+    name = folder.name or folder.resolve().name
+    return CalibrationViews(name, board, camera, tuple(views), tuple(skipped), notes)
+
+
+def _views(
+    folder: Path, camera: PinholeCamera, grips: Sequence[gtsam.Pose3], board: BoardSpec
+) -> tuple[list[BoardView], list[int], int]:
+    """Views of the board, frames without it, and how many markers were read in all."""
     detector = BoardDetector(board)
     views, skipped, markers = [], [], 0
     for frame, T_world_gripper in enumerate(grips):
@@ -39,10 +57,13 @@ def read_calibration_views(folder: Path, board: BoardSpec) -> CalibrationViews:
             views.append(BoardView(frame, sighting.corners, sighting.uv, T_world_gripper))
         else:
             skipped.append(frame)
-    if not views:
-        raise _no_board(folder, board, len(grips), markers)
-    name = folder.name or folder.resolve().name
-    return CalibrationViews(name, board, camera, tuple(views), tuple(skipped))
+    return views, skipped, markers
+
+
+def _pattern_words(found: BoardSpec) -> str:
+    age = "the pattern of OpenCV before 4.6" if found.legacy_pattern else "the pattern of today"
+    value = str(found.legacy_pattern).lower()
+    return f'the board is printed in {age}: read so; say "legacy_pattern": {value} in board.json'
 
 
 def open_recording(folder: Path) -> Fields:

@@ -65,6 +65,14 @@ class BoardView:
 
 
 @dataclass(frozen=True, slots=True)
+class LeftOut:
+    """A view that does not agree with the others."""
+
+    frame: int
+    off_px: float  # of its corners, from where the others have them
+
+
+@dataclass(frozen=True, slots=True)
 class CalibrationViews:
     """Everything a calibration works on."""
 
@@ -73,6 +81,7 @@ class CalibrationViews:
     camera: PinholeCamera  # where intrinsics start, or what they are kept at
     views: tuple[BoardView, ...]
     skipped: tuple[int, ...] = ()  # frames in which the board was not found
+    notes: tuple[str, ...] = ()  # what reading them had to guess
 
     @property
     def p_boards(self) -> list[FloatArray]:
@@ -93,6 +102,12 @@ class CheckConfig:
     square_sds: float = 5.0  # and that many standard deviations: few views say little of it
     weak_cam_m: float = 2e-3  # standard deviations above which the camera's pose is called weak
     weak_cam_rad: float = np.deg2rad(0.2)
+    # Of the picture's width, by which a view may be off before anything is fitted: 10 px of 640 are
+    # 1 deg or 2 cm at a metre, more than any arm errs by.
+    agreeing_share: float = 0.015
+    stray_chance: float = 1e-4  # of leaving out a sound view of a set, once it is fitted
+    stray_px: float = 5.0  # times the median view's errors
+    largest_off_px: float = 3.0  # of the median corner, 640 px wide; more is no calibration
     misfit_chance: float = 1e-3  # of calling a sound arm worse than stated
     written_distortion_px: float = 0.5  # that a camera written into a recording may have had
 
@@ -157,6 +172,7 @@ class HandEyeCalibration:
     corner_scale_px: float  # scale of the corners' Student-t noise, each coordinate
     views: tuple[ViewResidual, ...]
     skipped: tuple[int, ...]
+    left_out: tuple[LeftOut, ...]
     warnings: tuple[str, ...]
 
     @property

@@ -54,6 +54,7 @@ def calibration_as_line(result: HandEyeCalibration) -> str:
             for view in result.views
         ],
         "skipped": list(result.skipped),
+        "left_out": [{"frame": v.frame, "off_px": v.off_px} for v in result.left_out],
         "warnings": list(result.warnings),
     }
     return json.dumps(described, allow_nan=False)

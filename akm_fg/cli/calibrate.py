@@ -107,7 +107,7 @@ def calibrate(arguments: CalibrateArguments) -> int:
     for warning in result.warnings:
         print(f"akm-fg: {warning}", file=sys.stderr)
     if arguments.json != "-":
-        _print(result, arguments.truth)
+        _print(result, config.calibration, arguments.truth)
     return DONE
 
 
@@ -175,7 +175,8 @@ def _write(
     write_into_recording(recording, result)
 
 
-def _print(result: HandEyeCalibration, truth: Path | None) -> None:
+def _print(result: HandEyeCalibration, config: CalibrationConfig, truth: Path | None) -> None:
+    from akm_fg.calibration.checks import limit_off_px
     from akm_fg.calibration.table import calibration_table, score_line
 
     out = console()
@@ -183,7 +184,8 @@ def _print(result: HandEyeCalibration, truth: Path | None) -> None:
     seen, corners = len(result.views), sum(len(view.uv) for view in result.views)
     out.print(
         f"{corners} corners in {seen} views, {result.rms_px:.3f} px rms; noise scale of a "
-        f"corner's coordinate {result.corner_scale_px:.3f} px"
+        f"corner's coordinate {result.corner_scale_px:.3f} px; the limit of half of the corners is "
+        f"{limit_off_px(result.camera, config):.1f} px"
     )
     if truth is not None:
         out.print(score_line(result, truth))
