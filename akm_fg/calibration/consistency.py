@@ -14,12 +14,12 @@ which the others are judged. Where most do not agree, the usual slips are tried.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import gtsam
 import numpy as np
 
-from akm_fg.calibration.initial import ViewsAlone, reported_mount_holder
+from akm_fg.calibration.initial import ViewsAlone, median_error_px, reported_mount_holder
 from akm_fg.calibration.records import CalibrationConfig, CalibrationViews, LeftOut
 from akm_fg.errors import InputError
 from akm_fg.records import BoolArray, FloatArray
@@ -40,17 +40,19 @@ class _Pairs:
     t_mount_holder: FloatArray  # (V, 3)
     R_cam_board: FloatArray  # (V, 3, 3)
     t_cam_board: FloatArray  # (V, 3)
+    corners: tuple[tuple[FloatArray, FloatArray], ...]  # each on the board (N, 3) m, seen (N, 2)
 
     def chosen(self, which: np.ndarray) -> _Pairs:
+        """Of some of the views."""
         arrays = (self.R_mount_holder, self.t_mount_holder, self.R_cam_board, self.t_cam_board)
-        return _Pairs(*(array[which] for array in arrays))
+        return _Pairs(*(array[which] for array in arrays), tuple(self.corners[i] for i in which))
 
 
 @dataclass(frozen=True, slots=True)
 class _Agreement:
     """What fits together."""
 
-    off_px: FloatArray  # (V,) of the board's corners, from where the solution has them
+    off_px: FloatArray  # (V,) of the median corner, from where the solution has it
     scale: float  # of the board's translations
     share: float  # of the views that agree
     enough: bool
@@ -64,31 +66,41 @@ def agreeing_views(
     Raises:
         InputError: most do not agree; the likely cause is named where a slip explains it.
     """
-    reported = reported_mount_holder(data, config)
-    pairs = _pairs(reported, alone.T_cam_boards)
+    pairs = _pairs(reported_mount_holder(data, config), alone, data, np.arange(len(data.views)))
     limit_px = config.checks.agreeing_share * data.camera.width
-    found = _agreement(pairs, data, limit_px)
+    found = _agreement(pairs, alone.fx, limit_px)
     if found.enough and MILLI[0] < found.scale < MILLI[1]:
         raise InputError(data.name, "T_world_gripper is likely in millimetres", EXPECTED)
     if not found.enough:
+        if median_error_px(data, config, alone) < limit_px:  # a few views of vague boards
+            return np.ones(len(data.views), dtype=bool), (), ()
         raise _explained(data, config, alone, found, limit_px)
     kept = np.asarray(found.off_px < limit_px)
     out = [LeftOut(data.views[i].frame, float(found.off_px[i])) for i in np.flatnonzero(~kept)]
-    return kept, tuple(out), _words(data, pairs, kept, out, limit_px)
+    return kept, tuple(out), _words(data, alone.fx, pairs, kept, out, limit_px)
 
 
-def _pairs(reported: Sequence[gtsam.Pose3], boards: Sequence[gtsam.Pose3]) -> _Pairs:
+def _pairs(
+    reported: Sequence[gtsam.Pose3],
+    alone: ViewsAlone,
+    data: CalibrationViews,
+    images: np.ndarray,
+) -> _Pairs:
+    """Reported poses beside what some images show, in their order."""
+    boards = [alone.T_cam_boards[i] for i in images]
     R_h, R_b = (np.array([T.rotation().matrix() for T in Ts]) for Ts in (reported, boards))
     t_h, t_b = (np.array([T.translation() for T in Ts]) for Ts in (reported, boards))
-    return _Pairs(R_h, t_h, R_b, t_b)
+    p_boards = data.p_boards
+    seen = [(p_boards[i], alone.rays(data.views[i].uv)) for i in images]
+    return _Pairs(R_h, t_h, R_b, t_b, tuple(seen))
 
 
-def _agreement(pairs: _Pairs, data: CalibrationViews, limit_px: float) -> _Agreement:
+def _agreement(pairs: _Pairs, fx: float, limit_px: float) -> _Agreement:
     n, rng = len(pairs.t_cam_board), np.random.default_rng(0)
     best: tuple[FloatArray, float] | None = None
     for _ in range(SAMPLES if n > SAMPLE else 1):
         some = rng.choice(n, SAMPLE, replace=False) if n > SAMPLE else np.arange(n)
-        off, scale = _judged(pairs, some, data)
+        off, scale = _judged(pairs, some, fx)
         if best is None or _rank(off, limit_px) > _rank(best[0], limit_px):
             best = off, scale
     assert best is not None
@@ -96,7 +108,7 @@ def _agreement(pairs: _Pairs, data: CalibrationViews, limit_px: float) -> _Agree
         which = np.flatnonzero(best[0] < limit_px)
         if which.size < SAMPLE:
             break
-        off, scale = _judged(pairs, which, data)
+        off, scale = _judged(pairs, which, fx)
         if _rank(off, limit_px) < _rank(best[0], limit_px):
             break
         best = off, scale
@@ -111,7 +123,7 @@ def _rank(off_px: FloatArray, limit_px: float) -> tuple[int, float]:
     return int(near.sum()), -float(off_px[near].sum())
 
 
-def _judged(pairs: _Pairs, which: np.ndarray, data: CalibrationViews) -> tuple[FloatArray, float]:
+def _judged(pairs: _Pairs, which: np.ndarray, fx: float) -> tuple[FloatArray, float]:
     """How far all views (V,) are from what some of them say, in pixels; and the board's scale."""
     some = pairs.chosen(which)
     i, j = np.triu_indices(which.size, 1)
@@ -132,19 +144,18 @@ def _judged(pairs: _Pairs, which: np.ndarray, data: CalibrationViews) -> tuple[F
     held = pairs.R_mount_holder @ x[1:4] + pairs.t_mount_holder
     t_cam_board = (held @ R_cam_mount.T + x[4:]) / scale
     R_cam_board = R_cam_mount @ pairs.R_mount_holder @ R_holder_board
-    board = data.board.corners_m()
-    seen, expected = (
-        _pixels(board @ np.swapaxes(R, 1, 2) + t[:, None], data.camera.fx)
-        for R, t in ((pairs.R_cam_board, pairs.t_cam_board), (R_cam_board, t_cam_board))
-    )
-    off_px = np.linalg.norm(seen - expected, axis=2).mean(axis=1)
-    return np.where(np.isfinite(off_px), off_px, np.inf), scale
+    off = [
+        _median_off(p_board @ R.T + t, seen)
+        for R, t, (p_board, seen) in zip(R_cam_board, t_cam_board, pairs.corners, strict=True)
+    ]
+    return fx * np.array(off), scale
 
 
-def _pixels(p_cam: FloatArray, fx: float) -> FloatArray:
-    """(V, N, 2) from the principal point, without distortion; NaN behind the camera."""
-    z = np.where(p_cam[..., 2:] > 0, p_cam[..., 2:], np.nan)
-    return np.asarray(fx * p_cam[..., :2] / z)
+def _median_off(p_cam: FloatArray, seen: FloatArray) -> float:
+    """Of points (N, 3) from rays (N, 2), both at z = 1; infinite behind the camera."""
+    if (p_cam[:, 2] <= 0).any():
+        return float("inf")
+    return float(np.median(np.linalg.norm(p_cam[:, :2] / p_cam[:, 2:] - seen, axis=1)))
 
 
 def _rotation_vectors(R_a: FloatArray, R_b: FloatArray) -> FloatArray:
@@ -162,6 +173,7 @@ def _nearest_rotation(M: FloatArray) -> FloatArray:
 
 def _words(
     data: CalibrationViews,
+    fx: float,
     pairs: _Pairs,
     kept: BoolArray,
     out: Sequence[LeftOut],
@@ -177,13 +189,12 @@ def _words(
         for j in lost[lost > i]:
             order = np.arange(len(kept))
             order[[i, j]] = j, i
-            swapped = _Pairs(
-                pairs.R_mount_holder[order],
-                pairs.t_mount_holder[order],
-                pairs.R_cam_board,
-                pairs.t_cam_board,
+            swapped = replace(
+                pairs,
+                R_mount_holder=pairs.R_mount_holder[order],
+                t_mount_holder=pairs.t_mount_holder[order],
             )
-            off, _ = _judged(swapped, np.flatnonzero(kept), data)
+            off, _ = _judged(swapped, np.flatnonzero(kept), fx)
             if (off[[i, j]] < limit_px).all():
                 pair = f"{data.views[i].frame} and {data.views[j].frame}"
                 return (f"{said}{limit_px:.0f} px; the poses of {pair} are exchanged",)
@@ -203,23 +214,23 @@ def _explained(
         f"robot poses and images do not belong together (half of the views off by {off_px:.0f} px"
     )
     told += f" or more, {limit_px:.0f} are allowed)"
-    poses, boards = reported_mount_holder(data, config), alone.T_cam_boards
+    poses, images = reported_mount_holder(data, config), np.arange(len(data.views))
     inverse = [T.inverse() for T in poses]
     other = "gripper" if config.camera_place == "fixed" else "fixed"
     frames = np.array([view.frame for view in data.views])
     next_one = np.flatnonzero(np.diff(frames) == 1)
     later, earlier = next_one + 1, next_one
     slips = [
-        (f"T_world_gripper is inverted, or --camera-place is {other}", inverse, boards),
-        ("each pose is that of the image after it", _at(poses, earlier), _at(boards, later)),
-        ("each pose is that of the image before it", _at(poses, later), _at(boards, earlier)),
-        ("the poses are in the opposite order of the images", poses[::-1], boards),
-        ("the rotations of T_world_gripper are inverted", _turned_back(poses), boards),
+        (f"T_world_gripper is inverted, or --camera-place is {other}", inverse, images),
+        ("each pose is that of the image after it", _at(poses, earlier), later),
+        ("each pose is that of the image before it", _at(poses, later), earlier),
+        ("the poses are in the opposite order of the images", poses[::-1], images),
+        ("the rotations of T_world_gripper are inverted", _turned_back(data, config), images),
     ]
-    for words, Hs, Bs in slips:
+    for words, Hs, shown in slips:
         if len(Hs) <= SAMPLE:
             continue
-        tried = _agreement(_pairs(Hs, Bs), data, limit_px)
+        tried = _agreement(_pairs(Hs, alone, data, shown), alone.fx, limit_px)
         if tried.enough and tried.share > found.share:
             return InputError(data.name, f"{told}: likely {words}", EXPECTED)
     return InputError(data.name, told, EXPECTED)
@@ -229,5 +240,8 @@ def _at(Ts: Sequence[gtsam.Pose3], which: np.ndarray) -> list[gtsam.Pose3]:
     return [Ts[i] for i in which]
 
 
-def _turned_back(Ts: Sequence[gtsam.Pose3]) -> list[gtsam.Pose3]:
-    return [gtsam.Pose3(T.rotation().inverse(), T.translation()) for T in Ts]
+def _turned_back(data: CalibrationViews, config: CalibrationConfig) -> list[gtsam.Pose3]:
+    """T_mount_holder if only the rotations of T_world_gripper are inverted."""
+    grips = [view.T_world_gripper for view in data.views]
+    meant = [gtsam.Pose3(T.rotation().inverse(), T.translation()) for T in grips]
+    return meant if config.camera_place == "fixed" else [T.inverse() for T in meant]

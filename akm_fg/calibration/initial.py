@@ -38,6 +38,18 @@ class ViewsAlone:
     intrinsics: FloatArray  # (9,) in the order of Cal3DS2
     T_cam_boards: tuple[gtsam.Pose3, ...]
 
+    @property
+    def fx(self) -> float:
+        """Focal length, pixels."""
+        return float(self.intrinsics[0])
+
+    def rays(self, uv: FloatArray) -> FloatArray:
+        """(N, 2) where the rays of pixels (N, 2) meet z = 1, distortion removed."""
+        fx, fy, _, cx, cy, *lens = self.intrinsics.tolist()
+        matrix = np.array([[fx, 0.0, cx], [0.0, fy, cy], [0.0, 0.0, 1.0]])
+        points = cv2.undistortPoints(uv.reshape(-1, 1, 2), matrix, np.array(lens))
+        return np.asarray(points, dtype=np.float64).reshape(-1, 2)
+
     def chosen(self, kept: BoolArray) -> ViewsAlone:
         """Of some views, (V,)."""
         some = tuple(T for T, keep in zip(self.T_cam_boards, kept, strict=True) if keep)
@@ -56,6 +68,25 @@ def find_start(data: CalibrationViews, config: CalibrationConfig, alone: ViewsAl
     Raises:
         AxisUnobservable: none of OpenCV's methods finds a camera pose.
     """
+    best = _best(data, config, alone)
+    if best is None:
+        raise AxisUnobservable(
+            f"{data.name}: the camera's pose is open: no hand-eye solution; expected gripper "
+            "poses that turn about two or more axes"
+        )
+    return Start(alone.intrinsics, alone.T_cam_boards, best[1], best[2])
+
+
+def median_error_px(data: CalibrationViews, config: CalibrationConfig, alone: ViewsAlone) -> float:
+    """Of all corners, by the best of OpenCV's solutions; infinite where there is none."""
+    best = _best(data, config, alone)
+    return float("inf") if best is None else best[0]
+
+
+def _best(
+    data: CalibrationViews, config: CalibrationConfig, alone: ViewsAlone
+) -> tuple[float, gtsam.Pose3, gtsam.Pose3] | None:
+    """Median error in pixels, T_mount_cam and T_holder_board of the solution that projects best."""
     intrinsics, T_cam_boards = alone.intrinsics, list(alone.T_cam_boards)
     reported = reported_mount_holder(data, config)
     best: tuple[float, gtsam.Pose3, gtsam.Pose3] | None = None
@@ -66,12 +97,7 @@ def find_start(data: CalibrationViews, config: CalibrationConfig, alone: ViewsAl
         off = _median_error(data, intrinsics, T_mount_cam, reported, T_holder_board)
         if best is None or off < best[0]:
             best = (off, T_mount_cam, T_holder_board)
-    if best is None:
-        raise AxisUnobservable(
-            f"{data.name}: the camera's pose is open: no hand-eye solution; expected gripper "
-            "poses that turn about two or more axes"
-        )
-    return Start(intrinsics, tuple(T_cam_boards), best[1], best[2])
+    return best
 
 
 def views_alone(data: CalibrationViews, config: CalibrationConfig) -> ViewsAlone:

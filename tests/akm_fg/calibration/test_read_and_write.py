@@ -21,6 +21,7 @@ from akm_fg.calibration.result_json import (
 from akm_fg.errors import InputError
 
 BOARD = BoardSpec(7, 5, 0.04, 0.03, "DICT_4X4_50")
+CAMERA = {"width": 320, "height": 240, "fx": 300, "fy": 300, "cx": 159.5, "cy": 119.5}
 POSES = [gtsam.Pose3(gtsam.Rot3.Rx(0.1 * i), np.array([0.0, 0.1 * i, 0.0])) for i in range(3)]
 
 
@@ -29,18 +30,23 @@ def recording(tmp_path):
     """Three images of 320 x 240; the second is empty."""
     (tmp_path / "rgb").mkdir()
     drawn = opencv_board(BOARD).generateImage((280, 200))
-    image = cv2.copyMakeBorder(drawn, 20, 20, 20, 20, cv2.BORDER_CONSTANT, value=255)
+    image = _framed(drawn)
     for i, picture in enumerate((image, np.full_like(image, 255), image)):
         cv2.imwrite(str(tmp_path / "rgb" / f"{i:06d}.png"), picture)
     describe(tmp_path)
     return tmp_path
 
 
+def _framed(drawn):
+    """With a white rim of 20 pixels."""
+    return cv2.copyMakeBorder(drawn, 20, 20, 20, 20, cv2.BORDER_CONSTANT, value=255)
+
+
 def describe(folder, **changes):
     """Writes recording.json; a change to None leaves the field out."""
     fields = {
         "schema": "akm-fg/recording/1",
-        "camera": {"width": 320, "height": 240, "fx": 300, "fy": 300, "cx": 159.5, "cy": 119.5},
+        "camera": CAMERA,
         "stamps_s": [0, 1, 2],
         "T_world_gripper": [T.matrix().tolist() for T in POSES],
         "truth": None,
@@ -59,6 +65,22 @@ def test_views_come_with_their_poses_and_empty_images_are_skipped(recording):
     # The drawing is 1000 pixels a metre, 20 pixels of rim, pixel centres at integers.
     expected = 1000.0 * BOARD.corners_m()[:, :2] + 20.0 - 0.5
     assert_allclose(data.views[0].uv, expected[data.views[0].corners], atol=0.1)
+
+
+@pytest.mark.parametrize("printed", [True, False])
+def test_a_board_of_the_other_pattern_is_recognised_and_named(recording, printed):
+    board = replace(BOARD, squares_y=6, legacy_pattern=printed)
+    drawn = opencv_board(board).generateImage((280, 240))
+    for i in range(3):
+        cv2.imwrite(str(recording / "rgb" / f"{i:06d}.png"), _framed(drawn))
+    describe(recording, camera={**CAMERA, "height": 280})
+    said = replace(board, legacy_pattern=not printed)
+    data = read_calibration_views(recording, said)
+    assert len(data.views) == 3 and data.board == board
+    assert f'"legacy_pattern": {str(printed).lower()}' in data.notes[0]
+    right = read_calibration_views(recording, board)
+    assert right.notes == ()
+    assert_allclose(data.views[0].uv, right.views[0].uv)
 
 
 def test_an_image_without_the_board_anywhere_says_what_was_seen(recording):
