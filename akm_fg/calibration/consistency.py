@@ -72,9 +72,12 @@ def agreeing_views(
     if found.enough and MILLI[0] < found.scale < MILLI[1]:
         raise InputError(data.name, "T_world_gripper is likely in millimetres", EXPECTED)
     if not found.enough:
-        if median_error_px(data, config, alone) < limit_px:  # a few views of vague boards
-            return np.ones(len(data.views), dtype=bool), (), ()
-        raise _explained(data, config, alone, found, limit_px)
+        error, is_slip = _explained(data, config, alone, found, limit_px)
+        far_px = config.checks.apart_share * data.camera.width
+        if is_slip or median_error_px(data, config, alone) > far_px:
+            raise error
+        # Corners gone astray, or few views: the fit is robust, and its result is judged.
+        return np.ones(len(data.views), dtype=bool), (), ()
     kept = np.asarray(found.off_px < limit_px)
     out = [LeftOut(data.views[i].frame, float(found.off_px[i])) for i in np.flatnonzero(~kept)]
     return kept, tuple(out), _words(data, alone.fx, pairs, kept, out, limit_px)
@@ -207,8 +210,8 @@ def _explained(
     alone: ViewsAlone,
     found: _Agreement,
     limit_px: float,
-) -> InputError:
-    """The error that names the slip with which the views agree."""
+) -> tuple[InputError, bool]:
+    """The error, and whether it names a slip with which the views agree."""
     off_px = float(np.median(found.off_px))
     told = (
         f"robot poses and images do not belong together (half of the views off by {off_px:.0f} px"
@@ -232,8 +235,8 @@ def _explained(
             continue
         tried = _agreement(_pairs(Hs, alone, data, shown), alone.fx, limit_px)
         if tried.enough and tried.share > found.share:
-            return InputError(data.name, f"{told}: likely {words}", EXPECTED)
-    return InputError(data.name, told, EXPECTED)
+            return InputError(data.name, f"{told}: likely {words}", EXPECTED), True
+    return InputError(data.name, told, EXPECTED), False
 
 
 def _at(Ts: Sequence[gtsam.Pose3], which: np.ndarray) -> list[gtsam.Pose3]:

@@ -105,6 +105,7 @@ class CheckConfig:
     # Of the picture's width, by which a view may be off before anything is fitted: 10 px of 640 are
     # 1 deg or 2 cm at a metre, more than any arm errs by.
     agreeing_share: float = 0.015
+    apart_share: float = 0.1  # by which the median corner is off where nothing can be fitted
     stray_chance: float = 1e-4  # of leaving out a sound view of a set, once it is fitted
     stray_px: float = 5.0  # times the median view's errors
     largest_off_px: float = 3.0  # of the median corner, 640 px wide; more is no calibration
