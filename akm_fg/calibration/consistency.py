@@ -44,8 +44,13 @@ class _Pairs:
 
     def chosen(self, which: np.ndarray) -> _Pairs:
         """Of some of the views."""
-        arrays = (self.R_mount_holder, self.t_mount_holder, self.R_cam_board, self.t_cam_board)
-        return _Pairs(*(array[which] for array in arrays), tuple(self.corners[i] for i in which))
+        return _Pairs(
+            self.R_mount_holder[which],
+            self.t_mount_holder[which],
+            self.R_cam_board[which],
+            self.t_cam_board[which],
+            tuple(self.corners[i] for i in which),
+        )
 
 
 @dataclass(frozen=True, slots=True)
