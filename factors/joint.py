@@ -188,6 +188,16 @@ class Joint:
         by_state = np.broadcast_to(adjoint @ self.unit_twist, (q.size, 6))
         return by_xi, by_state, q[:, None] * adjoint[:, 5]
 
+    def velocity(self, p_world: Array) -> Array:
+        """Ways (..., 3) of points (..., 3) of the part, where they are now, for a unit of state.
+
+        The motion's own twist is the same at every state (Lynch and Park, 2017, sec. 3.3): points
+        turn about the axis and slide along it by what `unit_twist` says of either.
+        """
+        twist = self.unit_twist
+        turned = np.cross(twist[2] * self.axis, p_world - self.origin)
+        return np.asarray(turned + twist[5] * self.axis)
+
     def reference_coordinates(self, q: Array, p_world: Array) -> Array:
         """Reference coordinates z (T, 3, N) of observed points p_world (T, 3, N), states q (T,)."""
         rotations, translations = self.displacement(q)

@@ -237,8 +237,7 @@ class Trier:
         if last.bounds.pivot_m is not None and last.bounds.pivot_m > pull.led_pivot_m:
             return None
         hand = self._arm.T_world_gripper()
-        twist = joint.joint.motion_jacobians(np.array([last.state]))[1][0]
-        way = float(np.linalg.norm(np.cross(twist[:3], hand.translation()) + twist[3:]))
+        way = float(np.linalg.norm(joint.joint.velocity(hand.translation())))
         on = float(np.copysign(distance_m / max(way, 1e-3), last.state))
         return plan_opening(joint, hand, last.state, last.state + on, pull.hand)
 
@@ -309,8 +308,7 @@ class Trier:
         if joint is None or (not sure and went is not None):
             assert went is not None
             return went
-        hand = self._arm.T_world_gripper().translation()
-        along = np.cross(joint.axis, hand - joint.joint.origin) if joint.turns else joint.axis
+        along = joint.joint.velocity(self._arm.T_world_gripper().translation())
         along = along / max(float(np.linalg.norm(along)), 1e-9)
         if went is not None and along @ went < 0.0:
             along = -along

@@ -81,13 +81,6 @@ class Relocalizer:
             return self._search(frame, dt_s, shift)
         return self._track(frame, dt_s, shift)
 
-    def belief_now(self) -> tuple[float, float] | None:
-        """State and standard deviation, the model's own in it; None while there is none."""
-        if self._filter is None:
-            return None
-        variance = self._filter.variance + self._of_model(self._filter.mean)
-        return self._filter.mean, float(np.sqrt(variance))
-
     def _states(self) -> FloatArray:
         """The grid, over all states that the part may have."""
         c, joint = self.config.search, self.part.joint.joint
@@ -100,7 +93,7 @@ class Relocalizer:
             low, high = min(low, end), max(high, end)
         slack = c.below * (high - low)
         surface = self._likelihood.surface
-        way = np.linalg.norm(surface.ways(surface.moved(low)[0], low), axis=1)
+        way = np.linalg.norm(surface.joint.velocity(surface.moved(low)[0]), axis=1)
         step = c.step_m / max(float(way.max()), 1e-6)
         count = int(np.clip((high - low + 2 * slack) / step, 2, c.most_states))
         return np.linspace(low - slack, high + slack, count)
@@ -109,10 +102,8 @@ class Relocalizer:
         """How far the part moved since the last frame, and its deviation; None: nobody knows."""
         c, last = self.config.motion, self._hand
         if hand is not None and last is not None and hand.holding and last.holding:
-            q = self._filter.mean if self._filter is not None else 0.0
             moved = hand.T_world_gripper.translation() - last.T_world_gripper.translation()
-            twist = self.part.joint.joint.motion_jacobians(np.array([q]))[1][0]
-            way = np.cross(twist[:3], last.T_world_gripper.translation()) + twist[3:]
+            way = self.part.joint.joint.velocity(last.T_world_gripper.translation())
             lever = float(way @ way)
             if lever > 1e-6:
                 return float(moved @ way) / lever, c.hand_m / float(np.sqrt(lever))
@@ -302,7 +293,7 @@ class Relocalizer:
         by_xi = joint.joint.motion_jacobians(np.array([q]))[0][0]  # (6, 6)
         way = np.cross(by_xi[:3].T[:, None], x[None]) + by_xi[3:].T[:, None]  # (6, S, 3)
         J_xi = np.einsum("ksi,si->sk", way, normal)
-        J_q = (surface.ways(x, q) * normal).sum(axis=1)
+        J_q = (surface.joint.velocity(x) * normal).sum(axis=1)
         total = float(J_q @ J_q)
         if total <= 0.0:
             return 0.0

@@ -6,7 +6,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 from factors.finite_differences import central_difference
-from factors.joint import Joint, cross, skew
+from factors.joint import Joint, JointKind, cross, skew
 
 
 def _reference(s, T_world_joint, q):
@@ -172,3 +172,14 @@ def test_skew_times_a_vector_is_the_cross_product():
 def test_an_unknown_kind_is_refused_with_the_known_ones_named(kind):
     with pytest.raises(ValueError, match=r"expected one of \['helical', 'prismatic', 'revolute'\]"):
         Joint(kind, np.eye(4), 0.0)
+
+
+@pytest.mark.parametrize("kind", list(JointKind))
+def test_points_go_where_their_velocity_says(kind):
+    """Central differences of the motion, at a state that is not zero."""
+    T = gtsam.Pose3(gtsam.Rot3.RzRyRx(0.3, -0.7, 1.2), np.array([0.4, -0.2, 0.7])).matrix()
+    joint = Joint(kind, T, 0.13 if kind.has_pitch else 0.0)
+    x, q, step = np.array([[0.1, 0.5, -0.3], [1.0, 0.0, 0.2]]), 0.8, 1e-6
+    R, t = joint.motion(np.array([q - step, q, q + step]))
+    before, now, after = (x @ R[k].T + t[k] for k in range(3))
+    assert_allclose(joint.velocity(now), (after - before) / (2 * step), atol=1e-8)

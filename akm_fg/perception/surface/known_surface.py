@@ -60,14 +60,9 @@ class KnownSurface:
         (R,), (t,) = self.joint.motion(np.array([q]))
         return self.x_world @ R.T + t, self.normal_world @ R.T
 
-    def ways(self, x_world: FloatArray, q: float) -> FloatArray:
-        """Ways of points (S, 3) that are at a state, for a unit of it."""
-        twist = self.joint.motion_jacobians(np.array([q]))[1][0]
-        return np.asarray(np.cross(twist[:3], x_world) + twist[3:])
-
     def metres_per_unit(self, q: float) -> float:
         """Root mean square way of the points for a unit of the state."""
-        way = self.ways(self.moved(q)[0], q)
+        way = self.joint.velocity(self.moved(q)[0])
         return float(np.sqrt((way**2).sum(axis=1).mean()))
 
     def solved(
@@ -87,7 +82,7 @@ class KnownSurface:
             read = readings(frame, noise, x, n, config.least_cosine)
             off = np.abs(read.off_m) < gate_m + config.gate_sigmas * read.sigma_m
             good = read.seen & off
-            J = (self.ways(x, solved.q) * n).sum(axis=1)[good]
+            J = (self.joint.velocity(x) * n).sum(axis=1)[good]
             e, sigma = read.off_m[good], read.sigma_m[good]
             w = weight((e / sigma) ** 2, config.dof, 1) / sigma**2
             information = float((w * J * J).sum())
