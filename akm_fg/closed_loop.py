@@ -25,7 +25,7 @@ from akm_fg.interfaces import Arm, Camera
 from akm_fg.io.recording_depth import as_stored
 from akm_fg.planning.opening_path import HandLimits, plan_opening
 from akm_fg.posterior import JointPosterior
-from akm_fg.records import FloatArray, Look, Recording, RgbdFrame, RoundSummary
+from akm_fg.records import FloatArray, Look, Recording, RgbdFrame, RoundSummary, first_hold
 from akm_fg.stages import RecordingFit
 from akm_fg.stream.frame_stream import FrameStream, FrameUpdate
 from akm_fg.stream.seen_so_far import Hand
@@ -67,12 +67,7 @@ class Episode:
     @property
     def grasp_frames(self) -> tuple[int, int] | None:
         """First and last frame of the first stretch in which the gripper holds."""
-        held = [look.holding for look in self.looks]
-        if True not in held:
-            return None
-        first = held.index(True)
-        end = held.index(False, first) if False in held[first:] else len(held)
-        return first, end - 1
+        return first_hold(self.looks)
 
     def recording(self, name: str) -> Recording:
         """The frames so far."""

@@ -6,6 +6,7 @@ Unknown is NaN or ``None``.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal
 
@@ -82,6 +83,16 @@ class Look:
     frame: RgbdFrame
     T_world_gripper: gtsam.Pose3
     holding: bool  # something was between the closed fingers
+
+
+def first_hold(looks: Sequence[Look]) -> tuple[int, int] | None:
+    """First and last of the first stretch of looks in which the gripper holds."""
+    held = [look.holding for look in looks]
+    if True not in held:
+        return None
+    first = held.index(True)
+    end = held.index(False, first) if False in held[first:] else len(held)
+    return first, end - 1
 
 
 @dataclass(frozen=True, slots=True)

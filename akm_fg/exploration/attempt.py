@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import time
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
 from dataclasses import dataclass, field
 from typing import Protocol
 
@@ -18,7 +17,8 @@ from akm_fg.errors import GraspFailed, InsufficientData, MotionInfeasible
 from akm_fg.exploration.belief import ways_of
 from akm_fg.exploration.config import ExploreConfig
 from akm_fg.exploration.foresight import Pulled, bounds_of, foreseen
-from akm_fg.exploration.records import Attempt, Bounds, Contact, Stretch
+from akm_fg.exploration.processor_time import taking
+from akm_fg.exploration.records import Attempt, Bounds, Contact, Outcome, Stretch
 from akm_fg.exploration.stopping import by_threshold, enough, moved_enough
 from akm_fg.interfaces import Arm, Camera
 from akm_fg.io.recording_depth import as_stored
@@ -94,7 +94,7 @@ class Trier:
     ) -> None:
         self._arm, self._camera, self._stream, self._feel_m = arm, camera, stream, feel_m
         self._tried, self._observer, self._config = tried, observer, config
-        self._tick_s = config.pull.tick_s
+        self._tick_s, self._time_s = config.pull.tick_s, tried.attempt.time_s
         self._travel_m = 0.0
 
     def run(self, grasps: Sequence[gtsam.Pose3]) -> None:
@@ -120,9 +120,9 @@ class Trier:
             attempt.grasps_refused = max(attempt.grasps_refused, 1)
             self._end("refused", str(error))
 
-    def _end(self, outcome: str, reason: str) -> None:
+    def _end(self, outcome: Outcome, reason: str) -> None:
         attempt = self._tried.attempt
-        attempt.outcome, attempt.reason = outcome, reason  # type: ignore[assignment]
+        attempt.outcome, attempt.reason = outcome, reason
 
     def _take_hold(self, grasps: Sequence[gtsam.Pose3]) -> None:
         """With the first of the grasps that the planner allows.
@@ -135,7 +135,7 @@ class Trier:
         for T_world_grasp in grasps[: self._config.pull.most_grasps]:
             motion = self._arm.grasp(T_world_grasp, self._tick_s, self._feel_m)
             try:
-                with self._timed("reach"):
+                with taking(self._time_s, "reach"):
                     for _ in motion:
                         attempt.pulled, attempt.T_world_grasp = True, T_world_grasp
             except MotionInfeasible as error:
@@ -219,7 +219,7 @@ class Trier:
     def _watched(self, motion: Iterator[None]) -> None:
         """Run a motion to its end, a frame at every tick."""
         while True:
-            with self._timed("pull"):
+            with taking(self._time_s, "pull"):
                 more = next(motion, _DONE) is not _DONE
             if not more:
                 break
@@ -242,7 +242,7 @@ class Trier:
         return plan_opening(joint, hand, last.state, last.state + on, pull.hand)
 
     def _look(self) -> None:
-        with self._timed("camera"):
+        with taking(self._time_s, "camera"):
             frame = as_stored(self._camera.capture())
             look = Look(frame, self._arm.T_world_gripper(), self._arm.holding())
         looks = self._tried.looks
@@ -250,14 +250,14 @@ class Trier:
             return
         looks.append(look)
         self._observer.looked(look)
-        with self._timed("watch"):
+        with taking(self._time_s, "watch"):
             self._stream.add(frame, Hand(look.T_world_gripper, look.holding))
 
     def _solve(self) -> Stretch | None:
         """The joint from all frames of the attempt; None where nothing moved."""
         began = time.process_time()
         try:
-            with self._timed("solve"):
+            with taking(self._time_s, "solve"):
                 fit = self._stream.posterior()
         except InsufficientData:
             return None
@@ -323,7 +323,7 @@ class Trier:
             return False
         attempt.regrasps += 1
         self._observer.stage("the grip was lost; taking hold again")
-        with self._timed("reach"):
+        with taking(self._time_s, "reach"):
             for _ in self._arm.step_aside(self._tried.looks[-1].frame, self._tick_s):
                 pass
         self._look()
@@ -335,22 +335,13 @@ class Trier:
         R, t = joint.joint.motion(np.array([stretch.state]))
         T_world_now = gtsam.Pose3(gtsam.Rot3(R[0]), t[0]) * attempt.T_world_grasp
         try:
-            with self._timed("reach"):
+            with taking(self._time_s, "reach"):
                 for _ in self._arm.grasp(T_world_now, self._tick_s, self._feel_m):
                     pass
         except MotionInfeasible:
             return False
         self._look()
         return True
-
-    @contextmanager
-    def _timed(self, stage: str) -> Iterator[None]:
-        began = time.process_time()
-        try:
-            yield
-        finally:
-            times = self._tried.attempt.time_s
-            times[stage] = times.get(stage, 0.0) + time.process_time() - began
 
 
 PANEL_M = 0.1  # half side of what stands for a part without tracks: a small drawer's front

@@ -34,7 +34,6 @@ class PullConfig:
     feel_m: float = 0.01  # of a grasp's depth that is not known, with a camera that does not err
     feel_sigmas: float = 2.0  # and of the camera's own errors, on top
     straight_m: float = 0.10  # the paper's pull, of the threshold's stop rule
-    away_m: float = 0.10  # straight back from what was let go
 
 
 @dataclass(frozen=True, slots=True)

@@ -5,7 +5,6 @@ first look -> contacts -> belief -> [best hypothesis -> attempt -> belief] ... -
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Protocol
@@ -16,6 +15,7 @@ import numpy as np
 from akm_fg.exploration.attempt import Observer, Stream, Tried, Trier
 from akm_fg.exploration.belief import BayesBelief, Belief
 from akm_fg.exploration.config import ExploreConfig
+from akm_fg.exploration.processor_time import taking
 from akm_fg.exploration.records import Attempt, Contact, Exploration, Hypothesis
 from akm_fg.exploration.suppression import SuppressedMap
 from akm_fg.interfaces import Arm, Camera
@@ -81,7 +81,7 @@ def explore(
     exploration.first_look = exploration.first_look or frame
     if not exploration.contacts:
         observer.stage("looking for places to take hold")
-        with _Took(exploration, "contacts"):
+        with taking(exploration.time_s, "contacts"):
             exploration.contacts = tuple(explorer.contacts(frame))
     if not exploration.contacts:
         exploration.failure = "no place to take hold is seen: no object, or it is out of view"
@@ -90,7 +90,7 @@ def explore(
     for attempt in exploration.attempts:
         belief.learn(attempt.hypothesis, attempt.outcome, bool(attempt.stretches), attempt.held)
     while exploration.pulls < config.max_attempts and not exploration.opened:
-        with _Took(exploration, "belief"):
+        with taking(exploration.time_s, "belief"):
             hypothesis = belief.next()
             exploration.beliefs.append(belief.snapshot())
         if hypothesis is None:
@@ -119,7 +119,7 @@ def belief_of(exploration: Exploration, explorer: Explorer) -> Belief:
 
 def look_clear(arm: Arm, camera: Camera, exploration: Exploration) -> RgbdFrame:
     """A frame from which the arm has stepped aside; the arm keeps clear of what it shows."""
-    with _Took(exploration, "step aside"):
+    with taking(exploration.time_s, "step aside"):
         frame = camera.capture()
         arm.see(frame)
         for _ in arm.step_aside(frame, TICK_S):
@@ -136,7 +136,7 @@ def look_twice(arm: Arm, camera: Camera, exploration: Exploration) -> RgbdFrame:
     taken from the other.
     """
     first = look_clear(arm, camera, exploration)
-    with _Took(exploration, "step aside"):
+    with taking(exploration.time_s, "step aside"):
         for _ in arm.step_aside(first, TICK_S, unseen=True):
             pass
         frame = both(first, camera.capture())
@@ -174,7 +174,7 @@ def _tried(
     exploration.attempts.append(attempt)
     observer.begun(number, attempt)
     frame = camera.capture()
-    with _Took(exploration, "grasps"):
+    with taking(exploration.time_s, "grasps"):
         seen = frame if _any_moved(exploration) else exploration.first_look or frame
         grasps = list(explorer.grasps(seen, contact))
     grasps = _others_first(grasps, exploration, hypothesis)
@@ -222,17 +222,3 @@ def _conclude(exploration: Exploration, belief: Belief, config: ExploreConfig) -
         return
     left = belief.snapshot().anything
     exploration.failure = f"nothing here opens (probability {1.0 - left:.2f}; {tried})"
-
-
-class _Took:
-    """Accounts for the processor time of a stage."""
-
-    def __init__(self, exploration: Exploration, stage: str) -> None:
-        self._times, self._stage = exploration.time_s, stage
-
-    def __enter__(self) -> None:
-        self._began = time.process_time()
-
-    def __exit__(self, *_: object) -> None:
-        took = time.process_time() - self._began
-        self._times[self._stage] = self._times.get(self._stage, 0.0) + took

@@ -7,12 +7,12 @@ from typing import Literal
 
 import gtsam
 
+from akm_fg.perception.fronts.front_records import ContactKind
 from akm_fg.records import FloatArray, Look, RgbdFrame
 from akm_fg.stages import RecordingFit
 
 Outcome = Literal["opened", "rigid", "grasp_lost", "refused", "stopped"]
 Way = Literal["outward", "left", "right", "upward"]
-What = Literal["protrusion", "edge", "recess", "plain"]
 INTERRUPTED = "interrupted"  # reason of an attempt that has no other yet
 StopReason = Literal["posterior", "threshold", "attempts"]
 
@@ -26,7 +26,7 @@ class Contact:
     normal_world: FloatArray  # (3,) unit, out of the front that it is on
     front: int  # which rigid front that is
     prior: float  # probability that what is held here moves, if anything here does
-    what: What = "protrusion"
+    what: ContactKind = "protrusion"
 
 
 @dataclass(frozen=True, slots=True)

@@ -14,16 +14,14 @@ from akm_fg.exploration.records import Exploration
 from akm_fg.model.build import FittedRecording, build_model
 from akm_fg.model.records import Contact
 from akm_fg.model.write import write_model
-from akm_fg.records import CalibrationErrors, JointTruth, Recording
+from akm_fg.records import JointTruth, Recording, first_hold
 from akm_fg.report.summary import PartTracks, RunSummary
 from akm_fg.report.write import write_report
 
 REPORT = "report.html"
 
 
-def last_recording(
-    exploration: Exploration, calibration: CalibrationErrors | None = None
-) -> Recording | None:
+def last_recording(exploration: Exploration) -> Recording | None:
     """The frames that the exploration's fit is of; without one, its last attempt's, or the first.
 
     Looks that were taken after the last solution, as when a grip was lost, have no states.
@@ -34,17 +32,8 @@ def last_recording(
     name = attempt_name(max(len(exploration.attempts) - 1, 0))
     if not looks:
         return None if first is None else Recording(name, (first,))
-    held = [k for k, look in enumerate(looks) if look.holding]
-    end = next((k for i, k in enumerate(held) if k != held[0] + i), None) if held else None
-    last = held[-1] if held and end is None else (end or 1) - 1
-    return Recording(
-        name,
-        tuple(look.frame for look in looks),
-        None,
-        tuple(look.T_world_gripper for look in looks),
-        (held[0], last) if held else None,
-        calibration,
-    )
+    frames, grips = zip(*((look.frame, look.T_world_gripper) for look in looks), strict=True)
+    return Recording(name, frames, None, grips, first_hold(looks))
 
 
 def solved_frames(exploration: Exploration) -> int | None:

@@ -13,7 +13,7 @@ import numpy as np
 
 from akm_fg.exploration.records import Attempt
 from akm_fg.io.recording_writer import RecordingWriter
-from akm_fg.records import JointTruth, Look
+from akm_fg.records import JointTruth, Look, first_hold
 from sim.episode import SimEpisode
 from sim.robot.contacts import contacts
 
@@ -29,16 +29,15 @@ class Recorder:
     def __init__(self, folder: Path, world: SimEpisode, result: Callable[[], None]):
         self._run_folder, self._world, self._result = folder, world, result
         self._began = time.perf_counter()
-        self._first: Look | None = None  # of an attempt, kept until it has touched something
+        self._looks: list[Look] = []  # of an attempt; the first is kept until it touches something
         self._writer: RecordingWriter | None = None
-        self._held: list[int] = []
         self.truths: list[JointTruth] = []
         self.largest_state = 0.0  # true, of all attempts, m or rad: how far it was opened
         self.pressed_n = 0.0  # largest force seen of a link that is no finger, on the object
 
     def begun(self, number: int, attempt: Attempt) -> None:
         """Say what is tried."""
-        self._first, self._writer, self._held, self.truths = None, None, [], []
+        self._looks, self._writer, self.truths = [], None, []
         self._number = number
         folder = self._folder()
         if folder.exists():  # of an attempt that was interrupted
@@ -55,12 +54,12 @@ class Recorder:
         self.truths.append(truth)
         self.largest_state = max(self.largest_state, abs(float(truth.states[-1])))
         self.pressed_n = max(self.pressed_n, self._pressed_n())
-        if self._first is None:
-            self._first = look
+        self._looks.append(look)
+        if len(self._looks) == 1:
             return
         if self._writer is None:
             self._writer = RecordingWriter(self._folder())
-            self._add(self._first)
+            self._add(self._looks[0])
             if self._world.calibration is not None:
                 self._writer.set_calibration(self._world.calibration)
         self._add(look)
@@ -75,8 +74,6 @@ class Recorder:
 
     def _add(self, look: Look) -> None:
         assert self._writer is not None
-        if look.holding:
-            self._held.append(len(self._writer))
         self._writer.add(look.frame, T_world_gripper=look.T_world_gripper)
 
     def stretched(self, attempt: Attempt) -> None:
@@ -102,13 +99,10 @@ class Recorder:
 
     def _finish(self) -> None:
         assert self._writer is not None
-        n = len(self._writer)
-        if n and self.truths:
-            states = np.array([float(truth.states[-1]) for truth in self.truths[:n]])
-            self._writer.set_truth(dataclasses.replace(self.truths[0], states=states))
-        if self._held:
-            run = [k for i, k in enumerate(self._held) if k == self._held[0] + i]
-            self._writer.set_grasp_frames(run[0], run[-1])
+        self._writer.set_truth(self.truth())
+        hold = first_hold(self._looks)
+        if hold is not None:
+            self._writer.set_grasp_frames(*hold)
 
     def truth(self) -> JointTruth:
         """The true joint, a state for each look of the last attempt; for scoring alone."""
