@@ -36,7 +36,7 @@ def posterior_as_dict(posterior: ArticulationPosterior) -> dict[str, Any]:
     lost = sorted({place for key, value in fields.items() for place in _not_finite(value, key)})
     if lost:
         fields["fit"]["warnings"].append("not finite, null here: " + ", ".join(lost))
-        fields = {key: _finite(value) for key, value in fields.items()}
+        fields = {key: finite(value) for key, value in fields.items()}
     return fields
 
 
@@ -144,12 +144,12 @@ def _not_finite(value: Any, place: str) -> Iterator[str]:
         yield place
 
 
-def _finite(value: Any) -> Any:
+def finite(value: Any) -> Any:
     """The same with None for what is not finite."""
     if isinstance(value, dict):
-        return {key: _finite(inner) for key, inner in value.items()}
-    if isinstance(value, list):
-        return [_finite(inner) for inner in value]
+        return {key: finite(inner) for key, inner in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [finite(inner) for inner in value]
     return None if isinstance(value, float) and not math.isfinite(value) else value
 
 

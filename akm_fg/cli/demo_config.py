@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING
+from pathlib import Path
+from typing import Protocol
 
 from akm_fg.cli.config_argument import chosen_config
 from akm_fg.config import AkmConfig
@@ -12,9 +13,6 @@ from sim.camera.rig import PERFECT, RigErrors
 from sim.camera.views import ViewConfig
 from sim.robot.franka_config import FrankaConfig
 from sim.world import WorldConfig
-
-if TYPE_CHECKING:
-    from akm_fg.cli.demo import DemoArguments
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,7 +33,27 @@ class DemoConfig(AkmConfig):
     sim: SimulatorConfig = field(default_factory=SimulatorConfig)
 
 
-def demo_config(arguments: DemoArguments, default: DemoConfig | None = None) -> DemoConfig:
+class SimulatorFlags(Protocol):
+    """Of a command that runs in the simulator."""
+
+    @property
+    def config(self) -> Path | None:
+        """TOML file with settings that differ from the defaults."""
+
+    @property
+    def tracker(self) -> str | None:
+        """What follows points."""
+
+    @property
+    def segmenter(self) -> str | None:
+        """What finds the object."""
+
+    @property
+    def rig_errors(self) -> bool:
+        """Camera and arm err as a calibrated rig does."""
+
+
+def demo_config(arguments: SimulatorFlags, default: DemoConfig | None = None) -> DemoConfig:
     """What the command line says, over the defaults.
 
     Raises:

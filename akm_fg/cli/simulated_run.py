@@ -13,7 +13,7 @@ import numpy as np
 
 from akm_fg import __version__
 from akm_fg.arm.body.limits import MotionRecorder
-from akm_fg.cli.demo_config import DemoConfig
+from akm_fg.cli.demo_config import DemoConfig, SimulatorConfig
 from akm_fg.cli.object_argument import ObjectArgument
 from akm_fg.closed_loop import Episode, Observer, Task, run_episode
 from akm_fg.config import AkmConfig
@@ -25,6 +25,7 @@ from akm_fg.stages import Stages
 from akm_fg.stream.frame_stream import FrameStream
 from factors.joint import JointKind
 from sim.episode import SimEpisode, open_world
+from sim.objects.staging import PlacementMode
 from sim.robot.slip import SlipGauge
 
 RECORDING = "recording"  # the folder of the recording in the folder of the run
@@ -127,7 +128,10 @@ def run_in_simulator(
     thing = request.object
     name = f"{thing.title}, seed {request.seed}"
     config, recording = request.config, request.folder / RECORDING
-    with _opened(request) as world, RecordingWriter(recording) as writer:
+    with (
+        opened_world(thing, request.seed, config.sim) as world,
+        RecordingWriter(recording) as writer,
+    ):
         if world.calibration is not None:
             writer.set_calibration(world.calibration)
         reporter = _Reporter(writer, world, observer)
@@ -155,18 +159,26 @@ def run_in_simulator(
     return _summary(request, name, episode, measured), interrupted
 
 
-def _opened(request: RunRequest) -> AbstractContextManager[SimEpisode]:
-    thing, sim = request.object, request.config.sim
+def opened_world(
+    thing: ObjectArgument,
+    seed: int,
+    sim: SimulatorConfig,
+    placement: PlacementMode = "reachable",
+    locked: bool = False,
+) -> AbstractContextManager[SimEpisode]:
+    """The world of an object as the settings have it; see `sim.episode.open_world`."""
     return open_world(
         thing.name,
-        request.seed,
+        seed,
         joint=thing.joint,
         import_options=thing.options,
         world_config=sim.world,
         franka_config=sim.franka,
         camera_config=sim.camera,
-        view=sim.view,
+        view=sim.view if placement == "reachable" else None,
         rig=sim.rig,
+        placement=placement,
+        locked=locked,
     )
 
 

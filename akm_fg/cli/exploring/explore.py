@@ -113,18 +113,13 @@ def explore_request(
 ) -> ExploreRequest:
     """What is to be done, and the folder for it."""
     from akm_fg.backends.registry import stages_of
-    from akm_fg.cli.config_argument import chosen_config, write_tree
-    from akm_fg.cli.demo_config import DemoConfig
+    from akm_fg.cli.config_argument import write_tree
+    from akm_fg.cli.demo_config import demo_config
     from akm_fg.cli.exploring.simulated import CONFIG, ExploreRequest, read_request
-    from sim.camera.rig import PERFECT, RigErrors
 
-    config = chosen_config(
-        config or DemoConfig(), arguments.config, arguments.tracker, arguments.segmenter
-    )
-    config = replace(_with_turning_hand(config), explore=_chosen(arguments, config.explore))
-    if arguments.rig_errors and config.sim.rig == PERFECT:
-        config = replace(config, sim=replace(config.sim, rig=RigErrors()))
-    stages = stages_of(config)
+    config = demo_config(arguments, config or exploring_default())
+    config = replace(config, explore=_chosen(arguments, config.explore))
+    stages, command = stages_of(config), command_of(arguments)
     thing = parse_object(arguments.object, arguments.joint)
     thing.spec(arguments.seed)  # refuses a broken one before anything is written
     if arguments.resume is not None:
@@ -132,32 +127,31 @@ def explore_request(
         read_request(folder, arguments.object, arguments.seed)
     else:
         folder = make_run_folder(arguments.out, f"explore-{thing.label}-{arguments.seed}")
-        write_tree(folder / CONFIG, config, f"All settings of {command_of(arguments)}")
+        write_tree(folder / CONFIG, config, f"All settings of {command}")
     return ExploreRequest(
         thing, arguments.object, arguments.seed, arguments.locked, folder, config, stages,
-        command_of(arguments),
+        command,
     )  # fmt: skip
 
 
-def _with_turning_hand(config: DemoConfig) -> DemoConfig:
-    """With room for fingers that turn on what they hold, where no file says how much.
+def exploring_default() -> DemoConfig:
+    """The settings that an exploration begins with, before any file: fingers may turn.
 
     A compliant pull leaves the hand's orientation free: on a bar or knob it turns by 20 to 30 deg.
     """
-    from akm_fg.perception.rig.gripper_place import GripperPlaceConfig
+    from akm_fg.cli.demo_config import DemoConfig
 
-    usual, rig = GripperPlaceConfig(), config.perception.rig
-    if rig.gripper.turn_rad != usual.turn_rad:
-        return config
-    gripper = replace(rig.gripper, turn_rad=TURNS_RAD)
-    perception = replace(config.perception, rig=replace(rig, gripper=gripper))
-    return replace(config, perception=perception)
+    config = DemoConfig()
+    rig = config.perception.rig
+    turning = replace(rig, gripper=replace(rig.gripper, turn_rad=TURNS_RAD))
+    return replace(config, perception=replace(config.perception, rig=turning))
 
 
 def command_of(arguments: ExploreArguments) -> str:
     """The command line that repeats a run."""
-    words = [f"akm-fg explore --object {arguments.object} --seed {arguments.seed}"]
-    for flag in ("joint", "config", "tracker", "segmenter"):
+    thing = parse_object(arguments.object, arguments.joint)
+    words = [f"akm-fg explore {thing.words} --seed {arguments.seed}"]
+    for flag in ("config", "tracker", "segmenter"):
         given = getattr(arguments, flag)
         words += [] if given is None else [f"--{flag} {given}"]
     usual = ExploreArguments()
@@ -189,21 +183,17 @@ def _chosen(arguments: ExploreArguments, config: ExploreConfig) -> ExploreConfig
 def _result(request: ExploreRequest, explored: Explored, total_s: float) -> dict[str, Any]:
     """The exploration as JSON (`akm-fg/explore/1`, docs/conventions.md)."""
     from akm_fg.exploration.explore_json import exploration_as_dict
+    from akm_fg.io.recording_reader import truth_as_json
 
     result = exploration_as_dict(explored.exploration)
-    truth = explored.truth
+    truth = truth_as_json(explored.truth)
     return {
         "schema": result.pop("schema"),
         "object": request.name,
         "seed": request.seed,
         **result,
         "model": None if explored.model is None else str(explored.model),
-        "truth": {
-            "kind": truth.kind,
-            "axis": truth.axis.tolist(),
-            "pivot": None if truth.pivot is None else truth.pivot.tolist(),
-            "final_state": float(truth.states[-1]),
-        },
+        "truth": {"final_state": truth.pop("states")[-1], **truth},
         "time_s": {**result["time_s"], "total": total_s},
     }
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -13,7 +12,7 @@ from akm_fg.cli.exploring.outcome import write_outcome, write_part_model
 from akm_fg.cli.exploring.recorder import Recorder, attempt_name
 from akm_fg.cli.exploring.stages import perceiver_of
 from akm_fg.cli.object_argument import ObjectArgument
-from akm_fg.cli.simulated_run import limit_shares
+from akm_fg.cli.simulated_run import limit_shares, opened_world
 from akm_fg.errors import InputError
 from akm_fg.exploration.explore import Explorer, explore
 from akm_fg.exploration.explore_json import exploration_as_dict, exploration_from_dict
@@ -22,7 +21,6 @@ from akm_fg.io.png import replace_file
 from akm_fg.records import JointTruth
 from akm_fg.stages import Stages
 from akm_fg.stream.frame_stream import FrameStream
-from sim.episode import SimEpisode, open_world
 
 CONFIG = "config.toml"
 RESULT = "explore.json"
@@ -109,7 +107,9 @@ def explore_in_simulator(request: ExploreRequest) -> Explored:
         told = {"object": request.name, "seed": request.seed, **exploration_as_dict(exploration)}
         write_result(request.folder, told)
 
-    with _opened(request) as world:
+    with opened_world(
+        request.object, request.seed, config.sim, "published", request.locked
+    ) as world:
         reporter = Recorder(request.folder, world, keep)
         motion = world.arm.record()
         family = getattr(request.object.spec(request.seed), "family", None)
@@ -148,18 +148,3 @@ def explore_in_simulator(request: ExploreRequest) -> Explored:
         request.folder, title, request.command, request.seed, exploration, explored.truth, config
     )
     return explored
-
-
-def _opened(request: ExploreRequest) -> AbstractContextManager[SimEpisode]:
-    thing, sim = request.object, request.config.sim
-    return open_world(
-        thing.name,
-        request.seed,
-        joint=thing.joint,
-        world_config=sim.world,
-        franka_config=sim.franka,
-        camera_config=sim.camera,
-        rig=sim.rig,
-        placement="published",
-        locked=request.locked,
-    )

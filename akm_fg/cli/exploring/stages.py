@@ -9,11 +9,10 @@ from akm_fg.backends.registry import features_of, make
 from akm_fg.config import AkmConfig
 from akm_fg.errors import MissingDependency
 from akm_fg.exploration.analogy.contacts import ContactMemory
+from akm_fg.exploration.analogy.shipped import SHIPPED
 from akm_fg.exploration.perceive import Analogy, Perceiver
 from akm_fg.perception.depth.object_mask import DepthObjectSegmenter
 from akm_fg.stages import Stages
-
-SHIPPED = Path(__file__).parents[2] / "exploration" / "analogy" / "data"
 
 
 def perceiver_of(

@@ -83,6 +83,7 @@ def convert(arguments: ConvertArguments) -> int:
     """
     from akm_fg.cli.recordings.whole_folder import check_new
     from akm_fg.io.sources.registry import open_prepared
+    from akm_fg.posterior_views import finite
 
     if arguments.out is not None:
         check_new(arguments.out)
@@ -96,7 +97,7 @@ def convert(arguments: ConvertArguments) -> int:
         if results is not None:
             described = prepared.understood.as_json()
             described["out"] = None if arguments.out is None else str(arguments.out)
-            write_line(results, json.dumps(_finite(described), allow_nan=False))
+            write_line(results, json.dumps(finite(described), allow_nan=False))
     if arguments.out is not None and arguments.json != "-":
         place = printable(str(arguments.out))
         print(f"wrote {place}; next: akm-fg fit {place}")
@@ -166,14 +167,3 @@ def _write(prepared: Prepared, out: Path) -> None:
                 if terminal:
                     end = "\n" if number == total else ""
                     print(f"\r\033[K{number}/{total}", end=end, file=sys.stderr, flush=True)
-
-
-def _finite(value: object) -> object:
-    """Numbers that are not finite are null."""
-    if isinstance(value, dict):
-        return {name: _finite(inner) for name, inner in value.items()}
-    if isinstance(value, (list, tuple)):
-        return [_finite(inner) for inner in value]
-    if isinstance(value, float) and value - value != 0:
-        return None
-    return value
