@@ -56,6 +56,7 @@ class Perceiver:
     ) -> None:
         self._segmenter, self._sampler = segmenter, sampler
         self._analogy, self._config = analogy, config
+        self._masked: tuple[RgbdFrame, BoolArray | None] | None = None  # of the last frame
 
     def contacts(self, frame: RgbdFrame) -> Sequence[Contact]:
         """The contacts of what is seen; none where there is no object."""
@@ -75,6 +76,12 @@ class Perceiver:
         return [candidate.T_world_grasp for candidate in found]
 
     def _mask(self, frame: RgbdFrame) -> BoolArray | None:
+        """The object in a frame; the same frame is asked about again for every contact."""
+        if self._masked is None or self._masked[0] is not frame:
+            self._masked = frame, self._segmented(frame)
+        return self._masked[1]
+
+    def _segmented(self, frame: RgbdFrame) -> BoolArray | None:
         try:
             mask = self._segmenter.segment(frame)
         except TracksLost:

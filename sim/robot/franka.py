@@ -52,6 +52,7 @@ class SimFranka:
         self.gripper = SimGripper(world, self.config.gripper)
         self._drive = ArmDrive(world, self.gripper, joint_offsets_rad)
         self._q_rest = Q_HOME.copy()
+        self._silhouette: ArmSilhouette | None = None  # its meshes are read when it is asked for
         self._scene = KnownScene(world.placement.floor_m, self.config.around, world.arm_description)
 
     def see(self, frame: RgbdFrame) -> None:
@@ -89,8 +90,9 @@ class SimFranka:
         """
         yield from self._drive.execute(self._release(), tick_s)
         q = self.measured_joints()[0]
-        silhouette = ArmSilhouette(self._scene.description, self.config.silhouette)
-        places = aside(silhouette, frame, q, self.config.aside, unseen)
+        if self._silhouette is None:
+            self._silhouette = ArmSilhouette(self._scene.description, self.config.silhouette)
+        places = aside(self._silhouette, frame, q, self.config.aside, unseen)
         around = self._scene.around(self.T_world_gripper(), self.config.reach.margins_m[0])
         planner = RrtConnectPlanner(around.free_motion, self.config.plan)
         for place in places[: self.config.aside.tried]:
