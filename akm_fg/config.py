@@ -9,6 +9,7 @@ from akm_fg.calibration.records import CalibrationConfig
 from akm_fg.closed_loop import EpisodeConfig
 from akm_fg.estimation.config import FitConfig
 from akm_fg.exploration.config import ExploreConfig
+from akm_fg.manipulation.config import ManipulateConfig
 from akm_fg.model.config import ModelConfig
 from akm_fg.perception.config import PerceptionConfig
 from akm_fg.relocalization.config import RelocalizationConfig
@@ -38,6 +39,7 @@ class AkmConfig:
     stream: StreamConfig = field(default_factory=StreamConfig)
     explore: ExploreConfig = field(default_factory=ExploreConfig)
     episode: EpisodeConfig = field(default_factory=EpisodeConfig)
+    manipulate: ManipulateConfig = field(default_factory=ManipulateConfig)
     model: ModelConfig = field(default_factory=ModelConfig)
     relocalization: RelocalizationConfig = field(default_factory=RelocalizationConfig)
     overlay: OverlayConfig = field(default_factory=OverlayConfig)

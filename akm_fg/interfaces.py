@@ -6,7 +6,7 @@ arm fit by shape alone, so that a real one can too.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -45,13 +45,30 @@ class Arm(Protocol):
         """
         ...
 
+    def reachable(self, T_world_grasp: gtsam.Pose3, onward: Sequence[gtsam.Pose3] = ()) -> float:
+        """Share of the poses that the hand gets to from a grasp, one after the other.
+
+        Raises:
+            MotionInfeasible: the grasp cannot be reached, or not without touching something.
+        """
+        ...
+
+    def can_follow(self, poses: Sequence[gtsam.Pose3]) -> int:
+        """How many of the poses the hand gets to from where it is, one after the other."""
+        ...
+
     def grasp(
-        self, T_world_grasp: gtsam.Pose3, tick_s: float, feel_m: float = 0.0
+        self,
+        T_world_grasp: gtsam.Pose3,
+        tick_s: float,
+        feel_m: float = 0.0,
+        onward: Sequence[gtsam.Pose3] = (),
     ) -> Iterator[None]:
         """Move clear of what was seen to a pre-grasp, approach along the gripper's z, close.
 
         With `feel_m`, how far that is along z is only known to so much: the hand goes on by as far
-        until something stops it, which may be as far before the grasp, and closes there.
+        until something stops it, which may be as far before the grasp, and closes there. `onward`
+        is where the hand will go while it holds, as far as that is known.
 
         Raises:
             MotionInfeasible: the pose cannot be reached, or not without touching something.
@@ -76,6 +93,10 @@ class Arm(Protocol):
 
         Ends after `distance_m` of travelled path, or when the part does not give.
         """
+        ...
+
+    def relax(self, tick_s: float) -> Iterator[None]:
+        """After a motion that was not iterated to its end: come to rest, and let the force fade."""
         ...
 
     def follow(self, path: TimedPath, tick_s: float) -> Iterator[None]:

@@ -162,6 +162,10 @@ class SimWorld:
             p.getJointState(self.object_id, self.part_joint, physicsClientId=self.client)[0]
         )
 
+    def put_part(self, state: float) -> None:
+        """The part is at another state, at rest: moved while nobody looked."""
+        p.resetJointState(self.object_id, self.part_joint, state, 0.0, physicsClientId=self.client)
+
     def truth(self) -> JointTruth:
         """The true joint and its state now. For scoring alone: nothing on the robot sees it."""
         T = self.placement.T_world_object

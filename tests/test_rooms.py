@@ -39,7 +39,7 @@ INSIDE = {
     "estimation": RECORDS | {"posterior", "geometry"},
     "arm": RECORDS | {"interfaces"},
     "grasping": RECORDS | {"interfaces", "arm"},
-    "planning": RECORDS | {"posterior"},
+    "planning": RECORDS | {"posterior", "prediction"},
     "io": RECORDS | {"posterior", "posterior_views"},
     "report": RECORDS | {"posterior", "io"},
     "calibration": RECORDS | {"io"},

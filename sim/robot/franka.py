@@ -19,6 +19,7 @@ from akm_fg.arm.motion.pulling import Pull
 from akm_fg.arm.motion.reaching import (
     GraspConfiguration,
     GraspOptions,
+    followed,
     grasp_options,
     line_motion,
     standoff,
@@ -52,6 +53,7 @@ class SimFranka:
         self.gripper = SimGripper(world, self.config.gripper)
         self._drive = ArmDrive(world, self.gripper, joint_offsets_rad)
         self._q_rest = Q_HOME.copy()
+        self._wrench = np.zeros(6)  # that the last compliant motion asked for, world axes
         self._silhouette: ArmSilhouette | None = None  # its meshes are read when it is asked for
         self._scene = KnownScene(world.placement.floor_m, self.config.around, world.arm_description)
 
@@ -109,20 +111,38 @@ class SimFranka:
         """Whether something is between the closed fingers."""
         return self.gripper.closed_on_something()
 
+    def reachable(self, T_world_grasp: gtsam.Pose3, onward: Sequence[gtsam.Pose3] = ()) -> float:
+        """Share of the poses that the hand gets to from a grasp, one after the other.
+
+        Raises:
+            MotionInfeasible: the grasp cannot be reached, or not without touching something.
+        """
+        _, options = self._options(T_world_grasp, onward)
+        return options.configurations[0].onward
+
+    def can_follow(self, poses: Sequence[gtsam.Pose3]) -> int:
+        """How many of the poses the hand gets to from where it is, one after the other."""
+        return followed(self._kinematics, poses, self.measured_joints()[0])
+
     def grasp(
-        self, T_world_grasp: gtsam.Pose3, tick_s: float, feel_m: float = 0.0
+        self,
+        T_world_grasp: gtsam.Pose3,
+        tick_s: float,
+        feel_m: float = 0.0,
+        onward: Sequence[gtsam.Pose3] = (),
     ) -> Iterator[None]:
         """Let go, move to the pre-grasp, approach along the gripper's z, close the fingers.
 
         With `feel_m`, the grasp's depth is only known to so much: the hand goes on by as far until
-        something stops it, which may be as far before the grasp, and closes a little behind.
+        something stops it, which may be as far before the grasp, and closes a little behind. Of the
+        ways to get there the one is taken from which the hand gets farthest along `onward`.
 
         Raises:
             MotionInfeasible: the pose cannot be reached, or not without touching something.
             GraspFailed: the arm met something on its way, the approach was blocked, or the fingers
                 met with nothing between them.
         """
-        around, options = self._options(T_world_grasp)
+        around, options = self._options(T_world_grasp, onward)
         yield from self._drive.execute(self._release(), tick_s)
         motion = self._reach(T_world_grasp, options.configurations, around, feel_m)
         yield from self._drive.execute(motion, tick_s)
@@ -142,6 +162,10 @@ class SimFranka:
         Ends after `distance_m` of travelled path, or when the part does not give.
         """
         yield from self._drive.execute(self._pull(direction_world, distance_m), tick_s)
+
+    def relax(self, tick_s: float) -> Iterator[None]:
+        """After a motion that was not iterated to its end: come to rest, and let the force fade."""
+        yield from self._drive.execute(self._fade(), tick_s)
 
     def follow(self, path: TimedPath, tick_s: float) -> Iterator[None]:
         """Follow a timed path compliantly, and wait until the arm has come to rest.
@@ -186,7 +210,9 @@ class SimFranka:
         wrench = np.concatenate([force, moment])
         return cartesian_torques(wrench, J, q, dq, self._q_rest, balance, c), error
 
-    def _options(self, T_world_grasp: gtsam.Pose3) -> tuple[Surroundings, GraspOptions]:
+    def _options(
+        self, T_world_grasp: gtsam.Pose3, onward: Sequence[gtsam.Pose3] = ()
+    ) -> tuple[Surroundings, GraspOptions]:
         """What is around, and the arm's clear configurations for a grasp: at least one.
 
         Raises:
@@ -194,7 +220,7 @@ class SimFranka:
         """
         reach = self.config.reach
         around = self._scene.around(T_world_grasp, reach.margins_m[0])
-        options = grasp_options(self._kinematics, T_world_grasp, around, reach)
+        options = grasp_options(self._kinematics, T_world_grasp, around, reach, onward)
         where = f"the grasp at {np.round(T_world_grasp.translation(), 3)} m"
         if not options.reachable:
             raise MotionInfeasible(f"{where} is out of the arm's reach")
@@ -352,7 +378,7 @@ class SimFranka:
         c = self.config.impedance
         while not pull.finished:
             q, dq, T, J, balance = self._sense()
-            wrench = pull.wrench(T, J @ dq, self._drive.step_s)
+            wrench = self._wrench = pull.wrench(T, J @ dq, self._drive.step_s)
             yield cartesian_torques(wrench, J, q, dq, self._q_rest, balance, c)
 
     def _track(self, path: TimedPath) -> Iterator[FloatArray]:
@@ -363,8 +389,25 @@ class SimFranka:
         c = self.config.impedance
         while not tracker.finished:
             q, dq, T, J, balance = self._sense()
-            wrench = tracker.wrench(T, J @ dq, self._drive.step_s)
+            wrench = self._wrench = tracker.wrench(T, J @ dq, self._drive.step_s)
             yield cartesian_torques(wrench, J, q, dq, self._q_rest, balance, c)
+
+    def _fade(self) -> Iterator[FloatArray]:
+        """The last wrench dies away smoothly, and the hand's motion with it."""
+        c, track = self.config.impedance, self.config.track
+        steps = round(self.config.fade_s / self._drive.step_s)
+        last = self._wrench
+        for k in range(2 * steps):
+            q, dq, _, J, balance = self._sense()
+            x = min((k + 1) / steps, 1.0)
+            left = 1.0 - x**3 * (10.0 - 15.0 * x + 6.0 * x**2)
+            twist = J @ dq
+            held = np.concatenate(
+                [track.damping_n_s_m * twist[:3], track.rotation_damping * twist[3:]]
+            )
+            wrench = left * last - min(10.0 * x, 1.0) * held
+            yield cartesian_torques(wrench, J, q, dq, self._q_rest, balance, c)
+        self._wrench = np.zeros(6)
 
 
 def _blocked(left_m: float) -> str:

@@ -49,3 +49,4 @@ class FrankaConfig:
     squeeze_s: float = 0.1  # at full force, before the hand is taken to hold
     open_s: float = 0.9  # 40 mm at 50 mm/s, and a little
     settle_s: float = 0.3  # at the end of a straight line
+    fade_s: float = 0.4  # of the force, where a compliant motion is broken off

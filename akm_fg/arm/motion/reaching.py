@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from dataclasses import dataclass
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
 
 import gtsam
 import numpy as np
@@ -14,6 +14,11 @@ from akm_fg.arm.body.kinematics import Q_HOME, Q_MAX, Q_MIN, FrankaKinematics, l
 from akm_fg.arm.body.model import N_ARM
 from akm_fg.arm.motion.surroundings import Surroundings
 from akm_fg.records import FloatArray
+
+# Of the joints' limits, kept while the hand holds: nearer, the soft springs there hold it back
+# (`akm_fg.arm.body.impedance.ImpedanceConfig.limit_zone_rad`).
+CLEAR_RAD = 0.06
+ON_PAR = 0.2  # of the way: so much of it is worth half a radian of joint margin
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,6 +45,7 @@ class GraspConfiguration:
     q_grasp: FloatArray
     standoff_m: float  # from the one to the other
     unseen: bool = False  # on the way in the hand goes where the camera could not look
+    onward: float = 1.0  # share of the way to go while holding that it can go
 
 
 @dataclass(frozen=True, slots=True)
@@ -69,12 +75,20 @@ def grasp_options(
     T_world_grasp: gtsam.Pose3,
     around: Surroundings | None,
     config: ReachConfig | None = None,
+    onward: Sequence[gtsam.Pose3] = (),
 ) -> GraspOptions:
     """The inverse-kinematics branches of a grasp that are clear of what is around.
 
-    Those that can pull back farthest with the widest joint margin come first. Knows nothing of
-    the joint: a straight retreat stands for the pull to come. Leaves `around` with the first of the
-    margins at which there are any.
+    Those that can go on farthest with the widest joint margin come first. Leaves `around` with the
+    first of the margins at which there are any.
+
+    Args:
+        kinematics: of the arm.
+        T_world_grasp: where the hand will close.
+        around: what is around; None is nothing.
+        config: how a grasp is approached.
+        onward: where the hand will go while it holds; if nothing is known of that, a straight
+            retreat stands for the pull to come.
     """
     config = config or ReachConfig()
     ways = _branches(kinematics, T_world_grasp, config)
@@ -91,9 +105,37 @@ def grasp_options(
                 clear.append(choice)
         if clear:
             break
-    scores = [_score(kinematics, T_world_grasp, choice, config) for choice in clear]
+    if onward:
+        clear = [replace(choice, onward=_onward(kinematics, onward, choice)) for choice in clear]
+        scores = [choice.onward + min(_margin(choice), 0.5) * ON_PAR for choice in clear]
+    else:
+        scores = [_score(kinematics, T_world_grasp, choice, config) for choice in clear]
     order = sorted(range(len(clear)), key=lambda i: -scores[i])  # stable: home's branch first
     return GraspOptions(tuple(clear[i] for i in order), bool(ways), touched)
+
+
+def _onward(
+    kinematics: FrankaKinematics, onward: Sequence[gtsam.Pose3], choice: GraspConfiguration
+) -> float:
+    """Share of the poses that the arm gets to from a grasp, one after the other."""
+    return followed(kinematics, onward, choice.q_grasp) / len(onward)
+
+
+def followed(
+    kinematics: FrankaKinematics, poses: Sequence[gtsam.Pose3], q_start: FloatArray
+) -> int:
+    """How many poses the arm gets to from joint angles (7,), one after the other, on one branch."""
+    q = q_start
+    for number, pose in enumerate(poses):
+        step = kinematics.chain([pose], q)
+        if step is None or limit_margin_rad(step[0]) < CLEAR_RAD:
+            return number
+        q = step[0]
+    return len(poses)
+
+
+def _margin(choice: GraspConfiguration) -> float:
+    return limit_margin_rad(choice.q_grasp)
 
 
 def _branches(

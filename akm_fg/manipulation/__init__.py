@@ -1,0 +1,1 @@
+"""Takes a part of a known model from any state to a target, and says how sure it is of the end."""

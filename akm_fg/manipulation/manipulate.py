@@ -1,0 +1,445 @@
+"""From any state to a target: find the part, hold it, move as far as its covariance bears, look.
+
+find -> [P(within tolerance) >= confidence? -> hold -> move -> look] ... -> end, with a probability
+
+Knows pictures, joint angles and whether something is between the fingers, and nothing else.
+"""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Iterator
+from typing import Protocol
+
+import gtsam
+import numpy as np
+
+from akm_fg.closed_loop import probability_within
+from akm_fg.errors import GraspFailed, MotionInfeasible, TracksLost
+from akm_fg.exploration.processor_time import taking
+from akm_fg.interfaces import Arm, Camera
+from akm_fg.io.recording_depth import as_stored
+from akm_fg.manipulation.carried_grasps import (
+    ChosenGrasp,
+    FreshGrasps,
+    choose_grasp,
+    not_so_deep,
+    way_of,
+)
+from akm_fg.manipulation.config import ManipulateConfig
+from akm_fg.manipulation.length_scale import LengthScale
+from akm_fg.manipulation.records import Action, Decision, Goal, Manipulation, Stop
+from akm_fg.model.records import ModelPart
+from akm_fg.planning.move_length import Move, next_move
+from akm_fg.planning.opening_path import plan_opening
+from akm_fg.records import Look, RgbdFrame
+from akm_fg.relocalization.records import StateBelief
+from akm_fg.stream.seen_so_far import Hand
+
+log = logging.getLogger(__name__)
+
+
+class Follower(Protocol):
+    """Tells a part's state from frames: see `akm_fg.relocalization.relocalizer`."""
+
+    def update(
+        self, frame: RgbdFrame, hand: Hand | None = None, commanded: float | None = None
+    ) -> StateBelief:
+        """Take in the next frame."""
+        ...
+
+
+class Stream(Protocol):
+    """Takes frames in as they come, to learn the joint better."""
+
+    def add(self, frame: RgbdFrame, hand: Hand | None = None) -> object:
+        """Take in the next frame."""
+        ...
+
+
+class Observer(Protocol):
+    """Is told what happens, as it happens."""
+
+    def looked(self, look: Look) -> None:
+        """A frame was taken."""
+        ...
+
+    def decided(self, decision: Decision) -> None:
+        """What comes next, and why."""
+        ...
+
+
+class PartLost(MotionInfeasible):
+    """The part's state is not known."""
+
+
+class Manipulator:
+    """Moves one part with an arm, under a camera.
+
+    Args:
+        arm: holds and moves.
+        camera: fixed, watches.
+        follower: tells the part's state.
+        part: of the model.
+        goal: where it should be.
+        run: is filled as things happen, and stays valid when this is interrupted.
+        observer: is told of frames and decisions.
+        config: tuning.
+        fresh: grasps as they are seen; None: only those that the part's contacts tell.
+        stream: learns from the frames; None: nothing does.
+        length_sd: relative standard deviation of lengths, of the camera's calibration.
+    """
+
+    def __init__(
+        self,
+        arm: Arm,
+        camera: Camera,
+        follower: Follower,
+        part: ModelPart,
+        goal: Goal,
+        run: Manipulation,
+        observer: Observer,
+        config: ManipulateConfig | None = None,
+        fresh: FreshGrasps | None = None,
+        stream: Stream | None = None,
+        length_sd: float = 0.0,
+    ) -> None:
+        self._arm, self._camera, self._follower = arm, camera, follower
+        self._part, self._goal, self._run = part, goal, run
+        self._observer, self._config = observer, config or ManipulateConfig()
+        self._fresh, self._stream = fresh, stream
+        self._scale = LengthScale(part.joint.joint, length_sd, self._config.scale)
+        self._failed_holds = 0
+        self._lost_grasps: list[gtsam.Pose3] = []
+        self._frame: RgbdFrame | None = None  # the last from behind the arm
+
+    def run(self) -> None:
+        """The whole; `failure` of the run says in one line why the target was not reached."""
+        run, config = self._run, self._config
+        try:
+            if self._arm.holding():
+                self._look()
+            if self._state() is None:
+                self._look_clear("where the part is, is not known")
+            while not self._done():
+                if run.rounds >= config.max_rounds:
+                    raise MotionInfeasible(
+                        f"not sure of the target after {config.max_rounds} moves"
+                    )
+                self._next()
+        except (GraspFailed, MotionInfeasible, TracksLost) as error:
+            run.failure = f"{error} (probability {run.probability:.2f} of being within tolerance)"
+
+    def _done(self) -> bool:
+        """Whether the part is within tolerance, as sure as it is asked."""
+        q, sd = self._known()
+        goal, run = self._goal, self._run
+        run.probability = probability_within(q, sd, goal.state, goal.tolerance)
+        if run.probability >= self._config.confidence:
+            self._decide("end", "the part is where it should be")
+            return True
+        best = probability_within(goal.state, sd, goal.state, goal.tolerance)
+        blurred = best < self._config.confidence
+        if blurred and abs(q - goal.state) <= goal.tolerance:
+            # No move makes it surer: only a look does.
+            self._look_clear("the state is not sure enough to end")
+            q, sd = self._known()
+            run.probability = probability_within(q, sd, goal.state, goal.tolerance)
+            if run.probability < self._config.confidence:
+                raise MotionInfeasible("a clear look leaves the state as unsure as it was")
+            self._decide("end", "a clear look shows the part where it should be")
+            return True
+        return False
+
+    def _next(self) -> None:
+        """One move, with a hold taken before it where there is none."""
+        if not self._arm.holding():
+            self._take_hold()
+        q, sd = self._known()
+        blind = self._config.planner == "blind"
+        move = self._blind_move(q) if blind else self._borne_move(q, sd)
+        if move is None:
+            return self._pull_on(q)
+        within = move if blind else self._within_reach(q, move)
+        if within is None:
+            return self._hold_otherwise("the arm gets no farther with this grasp")
+        self._move(q, within)
+
+    def _borne_move(self, q: float, sd: float) -> Move | None:
+        belief = self._run.belief
+        watched = belief is not None and belief.seen
+        goal, config = self._goal, self._config
+        hand = self._arm.T_world_gripper()
+        return next_move(
+            self._part.joint, hand, q, sd, goal.state, goal.tolerance, watched, config.move
+        )
+
+    def _within_reach(self, q: float, move: Move) -> Move | None:
+        """The move, cut where the arm does not get farther; None where it gets nowhere."""
+        poses = way_of(self._part, self._arm.T_world_gripper(), q, move.q_end, self._config.hold)
+        reached = self._arm.can_follow(poses)
+        if reached == len(poses):
+            return move
+        if reached == 0:
+            return None
+        end = q + (move.q_end - q) * reached / len(poses)
+        return Move(end, "reach", move.foreseen)
+
+    def _blind_move(self, q: float) -> Move:
+        """A fixed step of the hand, whatever is known: the baseline."""
+        joint, hand = self._part.joint.joint, self._arm.T_world_gripper()
+        lever = float(np.linalg.norm(joint.velocity(hand.translation())))
+        step = self._config.blind_step_m / max(lever, 1e-3)
+        left = self._goal.state - q
+        return Move(q + float(np.clip(left, -step, step)), "target", {})
+
+    def _move(self, q: float, move: Move) -> None:
+        run, config = self._run, self._config
+        run.rounds += 1
+        self._decide("move", _WHY[move.bound], move.q_end, move.foreseen)
+        hand = self._arm.T_world_gripper()
+        path = plan_opening(self._part.joint, hand, q, move.q_end, config.hand)
+        stuck = self._followed(self._arm.follow(path, config.tick_s), float(path.stamps_s[-1]))
+        if not self._arm.holding():
+            self._hold_otherwise("the grip was lost")
+            return
+        if stuck:
+            self._met_stop(q, move.q_end)
+
+    def _followed(self, motion: Iterator[None], duration_s: float) -> bool:
+        """Watch a motion to its end; True where it was ended since the hand did not get on."""
+        config = self._config
+        trail: list[np.ndarray] = []
+        ticks = 0
+        while True:
+            with taking(self._run.time_s, "move"):
+                more = next(motion, _DONE) is not _DONE
+            self._look()
+            if not more:
+                return False
+            ticks += 1
+            if not self._arm.holding():
+                self._relax()
+                return False
+            trail.append(self._arm.T_world_gripper().translation())
+            still = len(trail) > config.stuck_ticks and (
+                np.linalg.norm(trail[-1] - trail[-1 - config.stuck_ticks]) < config.stuck_m
+            )
+            if still and ticks * config.tick_s < duration_s:
+                self._relax()
+                return True
+
+    def _relax(self) -> None:
+        with taking(self._run.time_s, "move"):
+            for _ in self._arm.relax(self._config.tick_s):
+                pass
+
+    def _met_stop(self, q_from: float, q_to: float) -> None:
+        """The part did not go on: it has come to its stop, or jams."""
+        q, sd = self._known()
+        closed = self._part.closed_state
+        opening = abs(q_to - closed) > abs(q_from - closed)
+        self._run.stop = Stop(q, sd, opening)
+        goal = self._goal
+        self._run.probability = probability_within(q, sd, goal.state, goal.tolerance)
+        if abs(q - goal.state) > goal.tolerance:
+            raise MotionInfeasible(
+                f"the part does not go on from {_written(q, self._part.joint.turns)}: "
+                "it has met its stop, or it jams"
+            )
+
+    def _hold_otherwise(self, why: str) -> None:
+        """Let go, look, and not take the same grasp again."""
+        self._run.regrasps += 1
+        if self._run.grasps:
+            self._lost_grasps.append(self._run.grasps[-1][0])
+        self._look_clear(why)
+
+    def _pull_on(self, q: float) -> None:
+        """The joint is too vague to lead the hand: the hand follows where the part lets it go."""
+        run, config = self._run, self._config
+        run.rounds += 1
+        joint, hand = self._part.joint.joint, self._arm.T_world_gripper()
+        way = joint.velocity(hand.translation()) * np.sign(self._goal.state - q)
+        lever = float(np.linalg.norm(way))
+        step_m = min(abs(self._goal.state - q) * lever, config.blind_step_m)
+        self._decide("pull", "the joint is too vague to lead the hand: the part leads it")
+        self._followed(self._arm.pull(way / max(lever, 1e-9), step_m, config.tick_s), np.inf)
+        if not self._arm.holding():
+            self._hold_otherwise("the grip was lost")
+
+    def _take_hold(self) -> None:
+        """With the grasp that goes farthest.
+
+        Raises:
+            MotionInfeasible: none can be taken.
+            GraspFailed: too many led nowhere.
+        """
+        config = self._config.hold
+        while True:
+            if self._frame is None:
+                self._look_clear("the arm must know what is around it")
+            q, sd = self._known()
+            with taking(self._run.time_s, "plan"):
+                chosen = self._chosen(q, sd)
+            self._decide(
+                "grasp", f"reaches {100 * chosen.reach:.0f} % of the way", reach=chosen.reach
+            )
+            T = chosen.grasp.T_world_grasp
+            onward = way_of(self._part, T, q, self._goal.state, config)
+            feel_m = float(np.clip(chosen.grasp.depth_m, config.feel_m, config.most_feel_m))
+            try:
+                with taking(self._run.time_s, "reach"):
+                    for _ in self._arm.grasp(T, self._config.tick_s, feel_m, onward):
+                        pass
+            except GraspFailed as error:
+                self._failed_holds += 1
+                self._lost_grasps.append(T)
+                if self._failed_holds >= config.most_failures:
+                    raise
+                self._look_clear(str(error))
+                continue
+            except MotionInfeasible as error:
+                # No free way there: others may have one.
+                self._failed_holds += 1
+                self._lost_grasps.append(T)
+                if self._failed_holds >= config.most_failures:
+                    raise
+                log.info("grasp refused: %s", error)
+                continue
+            self._look()
+            q, _ = self._known()
+            self._run.grasps.append((self._arm.T_world_gripper(), q))
+            return
+
+    def _chosen(self, q: float, sd: float) -> ChosenGrasp:
+        fresh: list[gtsam.Pose3] = []
+        if self._fresh is not None and self._frame is not None and self._part.contacts:
+            surface, held = self._part.surface.p_world, self._part.contacts[0].T_part_grasp
+            T = self._part.T_world_part(q) * not_so_deep(held, surface, self._config.hold)
+            normal = -T.rotation().matrix()[:, 2]
+            fresh = list(self._fresh(self._frame, T.translation(), normal))
+        return choose_grasp(
+            self._arm, self._part, q, sd, self._goal.state, fresh, self._lost_grasps,
+            self._config.hold,
+        )  # fmt: skip
+
+    def _look_clear(self, why: str) -> None:
+        """Frames from behind the arm, which lets go and keeps clear of what they show.
+
+        Raises:
+            PartLost: the state is not known after it.
+        """
+        if self._run.clear_looks >= self._config.most_looks:
+            raise PartLost(f"{why}, after {self._run.clear_looks} looks")
+        self._decide("look", why)
+        with taking(self._run.time_s, "step aside"):
+            frame = as_stored(self._camera.capture())
+            self._arm.see(frame)
+            for _ in self._arm.step_aside(frame, self._config.tick_s):
+                pass
+        for _ in range(self._config.search_frames):
+            frame = self._look()
+            if self._state() is not None:
+                break
+            self._wait()
+        self._arm.see(frame)
+        self._frame = frame
+        if self._state() is None:
+            belief = self._run.belief
+            told = "" if belief is None else f": {belief.reason}"
+            raise PartLost(f"the part is not found{told}")
+
+    def _wait(self) -> None:
+        """Until the next frame: nothing moves."""
+        frame = as_stored(self._camera.capture())
+        with taking(self._run.time_s, "step aside"):
+            for _ in self._arm.step_aside(frame, self._config.tick_s, unseen=True):
+                pass
+
+    def _look(self) -> RgbdFrame:
+        """One frame into the belief, unless the last was taken at this very moment."""
+        run = self._run
+        with taking(run.time_s, "camera"):
+            frame = as_stored(self._camera.capture())
+            look = Look(frame, self._arm.T_world_gripper(), self._arm.holding())
+        if run.looks and frame.stamp_s <= run.looks[-1].frame.stamp_s:
+            return run.looks[-1].frame
+        run.looks.append(look)
+        self._observer.looked(look)
+        hand = Hand(look.T_world_gripper, look.holding)
+        with taking(run.time_s, "relocalize"):
+            run.beliefs.append(self._follower.update(frame, hand))
+        self._take_scale(look)
+        if self._stream is not None:
+            with taking(run.time_s, "learn"):
+                self._learn(frame, hand)
+        return frame
+
+    def _take_scale(self, look: Look) -> None:
+        belief = self._run.beliefs[-1]
+        if not look.holding or belief.mode != "tracking":
+            self._scale.let_go()
+        elif belief.seen and belief.mean is not None and belief.sd is not None:
+            self._scale.held(belief.mean, belief.sd, look.T_world_gripper)
+
+    def _learn(self, frame: RgbdFrame, hand: Hand) -> None:
+        assert self._stream is not None
+        try:
+            self._stream.add(frame, hand)
+        except TracksLost as error:
+            log.info("nothing to learn from a frame: %s", error)
+
+    def _state(self) -> tuple[float, float] | None:
+        """State and standard deviation, as far as somebody knows them."""
+        belief = self._run.belief
+        if belief is None or belief.mode != "tracking":
+            return None
+        if belief.mean is None or belief.sd is None:
+            return None
+        return self._scale.true_state(belief.mean, belief.sd, self._part.closed_state)
+
+    def _known(self) -> tuple[float, float]:
+        """As `_state`, from a clear look where it is lost.
+
+        Raises:
+            PartLost: it stays lost.
+        """
+        state = self._state()
+        if state is None:
+            belief = self._run.belief
+            told = "" if belief is None or belief.reason is None else f": {belief.reason}"
+            self._look_clear(f"the part was lost{told}")
+            state = self._state()
+        assert state is not None
+        return state
+
+    def _decide(
+        self,
+        action: Action,
+        why: str,
+        commanded: float | None = None,
+        foreseen: dict[str, float] | None = None,
+        reach: float | None = None,
+    ) -> None:
+        state = self._state()
+        q, sd = state if state is not None else (None, None)
+        goal = self._goal
+        p = 0.0 if state is None else probability_within(*state, goal.state, goal.tolerance)
+        decision = Decision(action, why, q, sd, p, commanded, foreseen or {}, reach)
+        self._run.decisions.append(decision)
+        self._observer.decided(decision)
+
+
+def _written(q: float, turns: bool) -> str:
+    return f"{np.rad2deg(q):.1f} deg" if turns else f"{100 * q:.1f} cm"
+
+
+_DONE = object()
+_WHY = {
+    "target": "the covariance bears the whole way",
+    "across": "beyond, the hand would be too far off the part's way",
+    "turn": "beyond, the hand would be turned too far against the part",
+    "state": "beyond, the state would be too unsure without a look",
+    "reach": "the arm gets no farther with this grasp",
+}
