@@ -28,6 +28,7 @@ __all__ = [
     "Recording",
     "__version__",
     "fit",
+    "model_schema",
     "posterior_schema",
     "read_model",
     "read_recording",
@@ -107,10 +108,19 @@ def read_model(path: str | PathLike[str]) -> ObjectModel:
 
 def posterior_schema() -> dict[str, Any]:
     """The JSON Schema (draft 2020-12) of a posterior: `akm_fg/schemas/posterior-1.schema.json`."""
+    return _schema("posterior-1.schema.json")
+
+
+def model_schema() -> dict[str, Any]:
+    """The JSON Schema (draft 2020-12) of a model: `akm_fg/schemas/model-1.schema.json`."""
+    return _schema("model-1.schema.json")
+
+
+def _schema(file: str) -> dict[str, Any]:
     import json
     from importlib.resources import files
 
-    text = files("akm_fg").joinpath("schemas/posterior-1.schema.json").read_text("utf-8")
+    text = files("akm_fg").joinpath("schemas", file).read_text("utf-8")
     schema: dict[str, Any] = json.loads(text)
     return schema
 

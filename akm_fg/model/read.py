@@ -93,6 +93,7 @@ def _part(fields: Fields) -> ModelPart:
         fields.number("closed_state"),
         limits,
         tuple(_contact(table) for table in _tables(fields, "contacts")),
+        _names(fields) if fields.has("from") else (),
     )
 
 

@@ -94,6 +94,7 @@ class ModelPart:
     closed_state: float = 0.0  # in the joint's states, which are zero in its recording's frame 0
     limits: StateLimits | None = None  # None: not met
     contacts: tuple[Contact, ...] = ()
+    sources: tuple[str, ...] = ()  # recordings of this part; none: those of the whole model
 
     def __post_init__(self) -> None:
         if self.posterior.best.joint is None:

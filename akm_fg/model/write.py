@@ -116,7 +116,7 @@ def _as_dict(model: ObjectModel, surfaces: list[str], static: str) -> dict[str, 
 
 def _part(part: ModelPart, surface: str) -> dict[str, Any]:
     limits = part.limits
-    return {
+    fields: dict[str, Any] = {
         "name": part.name,
         "posterior": posterior_as_dict(part.posterior),
         "closed_state": part.closed_state,
@@ -126,6 +126,9 @@ def _part(part: ModelPart, surface: str) -> dict[str, Any]:
         "contacts": [_contact(contact) for contact in part.contacts],
         "surface": surface,
     }
+    if part.sources:  # of a model with one part they are the model's
+        fields["from"] = list(part.sources)
+    return fields
 
 
 def _contact(contact: Contact) -> dict[str, Any]:

@@ -401,3 +401,35 @@ def render_view():
         return render(camera, T_world_cam, Cabinet("revolute").at(0.0))[1]
 
     return view
+
+
+ASIDE = np.array([0.0, 0.7, 0.0])  # from the cabinet with the door to the one with the drawer
+
+
+@pytest.fixture(scope="session")
+def drawer_aside(drawer_model):
+    """The drawer's model, of a cabinet that stands beside the door's."""
+    from akm_fg.model.records import Surface
+
+    def moved(surface: Surface) -> Surface:
+        return replace(surface, p_world=surface.p_world + ASIDE)
+
+    (part,) = drawer_model.parts
+    best = part.posterior.best
+    T = np.array(part.joint.T_world_joint)
+    T[:3, 3] += ASIDE
+    joint = replace(best.joint, joint=replace(best.joint.joint, T_world_joint=T))
+    alternatives = {str(part.joint.kind): replace(best, joint=joint)}
+    posterior = replace(part.posterior, alternatives=alternatives)
+    part = replace(part, posterior=posterior, surface=moved(part.surface))
+    return replace(
+        drawer_model, parts=(part,), static=moved(drawer_model.static), sources=("aside",)
+    )
+
+
+@pytest.fixture(scope="session")
+def two_part_model(door_model, drawer_aside):
+    """A door, part-0, and a drawer beside it, part-1."""
+    from akm_fg.model.merge import with_found
+
+    return with_found(door_model, drawer_aside, [0.0])
