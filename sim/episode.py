@@ -41,9 +41,9 @@ class SimEpisode:
         """
         return self.world.placement.given_grasp()
 
-    def truth(self) -> JointTruth:
-        """The true joint and its state now. For scoring alone."""
-        return self.world.truth()
+    def truth(self, part: int = 0) -> JointTruth:
+        """A true joint and its state now. For scoring alone."""
+        return self.world.truth(part)
 
     def true_T_world_gripper(self) -> gtsam.Pose3:
         """Where the gripper is, whatever the arm takes itself for. For scoring alone."""

@@ -18,9 +18,9 @@ from sim.bullet import connect, joint_index, load_urdf, p
 from sim.camera.robot_meshes import light_panda_urdf
 from sim.objects.imported.imported_spec import ImportOptions
 from sim.objects.mechanisms import resistance
-from sim.objects.part_spec import PartSpec
+from sim.objects.part_spec import Mechanism, PartSpec, mechanisms
 from sim.objects.staging import PlacementMode, find_spec, stage
-from sim.objects.urdf.urdf_files import PART_JOINT
+from sim.objects.urdf.urdf_files import part_joint
 from sim.robot.contacts import finger_links
 from sim.room import add_room
 
@@ -70,7 +70,7 @@ class SimWorld:
             joint: of a file or folder, the one that is free.
             options: what else to say of a file or folder.
             placement: where the object stands (`sim.objects.staging.stage`).
-            locked: whether the part that would be free is jammed as well.
+            locked: whether the parts that would be free are jammed as well.
         """
         self.spec: PartSpec = find_spec(object_name, seed, joint, options)
         self._placement_mode, self._locked = placement, locked
@@ -100,7 +100,11 @@ class SimWorld:
         T_world_object = self.placement.T_world_object
         self.object_id = load_urdf(self.client, files / "moving.urdf", T_world_object)
         self.still.append((files / "corpus.urdf", T_world_object))
-        self.part_joint = joint_index(self.client, self.object_id, PART_JOINT)
+        self.part_joints = tuple(
+            joint_index(self.client, self.object_id, part_joint(i))
+            for i in range(len(self._mechanisms))
+        )
+        self.part_joint = self.part_joints[0]
         self._furnish()
         self.still += add_room(
             self.client, self.placement, self.spec.size_m, self.spec.seed, folder
@@ -125,56 +129,70 @@ class SimWorld:
 
     def step(self) -> None:
         """One physics step."""
-        if self.spec.balanced:
-            self._balance()
-        if self.spec.catch or self.spec.closer:
-            self._hold_back()
+        for part, mechanism in enumerate(self._mechanisms):
+            if mechanism.balanced:
+                self._balance(part)
+            if mechanism.catch or mechanism.closer:
+                self._hold_back(part)
         p.stepSimulation(physicsClientId=self.client)
         self._steps += 1
 
-    def _balance(self) -> None:
+    def _balance(self, part: int) -> None:
         """A balanced hinge carries the part's weight, wherever it stands."""
-        state = p.getLinkState(self.object_id, self.part_joint, physicsClientId=self.client)
-        lift_n = self.config.gravity_m_s2 * self.spec.mass_kg
+        joint = self.part_joints[part]
+        state = p.getLinkState(self.object_id, joint, physicsClientId=self.client)
+        lift_n = self.config.gravity_m_s2 * self._mechanisms[part].mass_kg
         p.applyExternalForce(
             self.object_id,
-            self.part_joint,
+            joint,
             [0.0, 0.0, lift_n],
             state[0],
             p.WORLD_FRAME,
             physicsClientId=self.client,
         )
 
-    def _hold_back(self) -> None:
+    def _hold_back(self, part: int) -> None:
         """Catch and closer act along the joint, on top of the friction motor."""
-        torque = -resistance(self.part_state(), self.spec.catch, self.spec.closer)
+        mechanism = self._mechanisms[part]
+        torque = -resistance(self.part_state(part), mechanism.catch, mechanism.closer)
         p.setJointMotorControl2(
             self.object_id,
-            self.part_joint,
+            self.part_joints[part],
             p.TORQUE_CONTROL,
             force=torque,
             physicsClientId=self.client,
         )
 
-    def part_state(self) -> float:
-        """The true state of the part, m or rad. For scoring alone."""
-        return float(
-            p.getJointState(self.object_id, self.part_joint, physicsClientId=self.client)[0]
-        )
+    @property
+    def _mechanisms(self) -> tuple[Mechanism, ...]:
+        return mechanisms(self.spec)
 
-    def put_part(self, state: float) -> None:
-        """The part is at another state, at rest: moved while nobody looked."""
-        p.resetJointState(self.object_id, self.part_joint, state, 0.0, physicsClientId=self.client)
+    @property
+    def parts(self) -> int:
+        """How many parts open, by the object's making. For scoring alone."""
+        return len(self._mechanisms)
 
-    def truth(self) -> JointTruth:
-        """The true joint and its state now. For scoring alone: nothing on the robot sees it."""
-        T = self.placement.T_world_object
-        prismatic = self.spec.kind == "prismatic"
+    def part_state(self, part: int = 0) -> float:
+        """The true state of a part, m or rad. For scoring alone."""
+        joint = self.part_joints[part]
+        return float(p.getJointState(self.object_id, joint, physicsClientId=self.client)[0])
+
+    def put_part(self, state: float, part: int = 0) -> None:
+        """A part is at another state, at rest: moved while nobody looked."""
+        joint = self.part_joints[part]
+        p.resetJointState(self.object_id, joint, state, 0.0, physicsClientId=self.client)
+
+    def truth(self, part: int = 0) -> JointTruth:
+        """A true joint and its state now. For scoring alone: nothing on the robot sees it."""
+        T, built = self.placement.T_world_object, self.built
+        axes = [built.axis_object, *built.more_axes_object]
+        pivots = [built.pivot_object, *built.more_pivots_object]
+        kind = self._mechanisms[part].kind
         return JointTruth(
-            kind=self.spec.kind,
-            axis=T.rotation().matrix() @ self.built.axis_object,
-            pivot=None if prismatic else T.transformFrom(self.built.pivot_object),
-            states=np.array([self.part_state()]),
+            kind=kind,
+            axis=T.rotation().matrix() @ axes[part],
+            pivot=None if kind == "prismatic" else T.transformFrom(pivots[part]),
+            states=np.array([self.part_state(part)]),
         )
 
     def _set_physics(self) -> None:
@@ -189,37 +207,37 @@ class SimWorld:
 
     def _furnish(self) -> None:
         """Coulomb friction as a velocity motor of bounded force; viscous damping; contact."""
-        spec = self.spec
-        if self._locked:
-            self._lock()
-        else:
-            p.setJointMotorControl2(
+        for joint, part in zip(self.part_joints, self._mechanisms, strict=True):
+            if self._locked:
+                self._lock(joint)
+            else:
+                p.setJointMotorControl2(
+                    self.object_id,
+                    joint,
+                    p.VELOCITY_CONTROL,
+                    targetVelocity=0.0,
+                    force=part.friction,
+                    physicsClientId=self.client,
+                )
+            p.changeDynamics(
                 self.object_id,
-                self.part_joint,
-                p.VELOCITY_CONTROL,
-                targetVelocity=0.0,
-                force=spec.friction,
+                joint,
+                jointDamping=part.damping,
+                lateralFriction=part.handle_mu,
+                linearDamping=0.0,
+                angularDamping=0.0,
                 physicsClientId=self.client,
             )
-        p.changeDynamics(
-            self.object_id,
-            self.part_joint,
-            jointDamping=spec.damping,
-            lateralFriction=spec.handle_mu,
-            linearDamping=0.0,
-            angularDamping=0.0,
-            physicsClientId=self.client,
-        )
         # Fingers slide on locked handles as on the free one.
         p.changeDynamics(
-            self.object_id, -1, lateralFriction=spec.handle_mu, physicsClientId=self.client
+            self.object_id, -1, lateralFriction=self.spec.handle_mu, physicsClientId=self.client
         )
 
-    def _lock(self) -> None:
-        """A motor stronger than any hand holds the part closed; it looks as it always does."""
+    def _lock(self, joint: int) -> None:
+        """A motor stronger than any hand holds a part closed; it looks as it always does."""
         p.setJointMotorControl2(
             self.object_id,
-            self.part_joint,
+            joint,
             p.POSITION_CONTROL,
             targetPosition=0.0,
             force=LOCK_FORCE,

@@ -100,7 +100,7 @@ def _as_dict(listing: Listing, arguments: ObjectsArguments) -> dict[str, Any]:
 
 
 def _object(spec: Spec) -> dict[str, Any]:
-    from sim.objects.part_spec import standard_range
+    from sim.objects.part_spec import mechanisms, standard_range
 
     handle = spec.handle
     return {
@@ -110,6 +110,7 @@ def _object(spec: Spec) -> dict[str, Any]:
         "range": [0.0, spec.upper],
         "standard_range": [0.0, standard_range(spec)],
         "unit": "m" if spec.kind == "prismatic" else "rad",
+        "more": [{"kind": part.kind, "range": [0.0, part.upper]} for part in mechanisms(spec)[1:]],
         "closed_in_file": getattr(spec, "closed", None),
         "family": spec.family,
         "hinge": spec.hinge,
@@ -183,9 +184,13 @@ def _table(listing: Listing, wide: bool) -> Table:
 
 def _joint(spec: Spec) -> str:
     """Kind, hinge and range: `revolute left, 90 deg`."""
+    from sim.objects.part_spec import mechanisms
+
+    more = len(mechanisms(spec)) - 1
+    others = f", +{more}" if more else ""
     if spec.kind == "prismatic":
-        return f"prismatic, {100.0 * spec.upper:.0f} cm"
-    return f"{spec.kind} {spec.hinge}, {np.degrees(spec.upper):.0f} deg"
+        return f"prismatic, {100.0 * spec.upper:.0f} cm{others}"
+    return f"{spec.kind} {spec.hinge}, {np.degrees(spec.upper):.0f} deg{others}"
 
 
 def _held(spec: Spec) -> str:

@@ -1,4 +1,4 @@
-"""What the world knows of any object with one moving part: as asked for, and as built.
+"""What the world knows of any object with moving parts: as asked for, and as built.
 
 Object frame: x along the front (to the right as seen from before it), y into the object, z up,
 origin on the floor under the middle.
@@ -6,9 +6,10 @@ origin on the floor under the middle.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Literal, Protocol
+from typing import Literal, Protocol, runtime_checkable
 
 import gtsam
 import numpy as np
@@ -79,6 +80,60 @@ class PartSpec(Protocol):
         """Pulls the part shut."""
 
 
+class Mechanism(Protocol):
+    """A part that opens, as far as physics goes."""
+
+    @property
+    def kind(self) -> Literal["prismatic", "revolute"]:
+        """Of the joint."""
+
+    @property
+    def mass_kg(self) -> float:
+        """Of the part."""
+
+    @property
+    def damping(self) -> float:
+        """N s/m or N m s/rad."""
+
+    @property
+    def friction(self) -> float:
+        """Coulomb, N or N m."""
+
+    @property
+    def upper(self) -> float:
+        """End of the range, m or rad."""
+
+    @property
+    def handle_mu(self) -> float:
+        """Sliding friction of the handle against rubber with mu 1."""
+
+    @property
+    def balanced(self) -> bool:
+        """Springs or struts carry its weight."""
+
+    @property
+    def catch(self) -> Catch | None:
+        """Holds it closed."""
+
+    @property
+    def closer(self) -> Closer | None:
+        """Pulls it shut."""
+
+
+@runtime_checkable
+class SeveralParts(Protocol):
+    """An object of which more than one part may open."""
+
+    @property
+    def more(self) -> Sequence[Mechanism]:
+        """The parts after the first."""
+
+
+def mechanisms(spec: PartSpec) -> tuple[Mechanism, ...]:
+    """Every part of an object that opens, the first one first."""
+    return (spec, *spec.more) if isinstance(spec, SeveralParts) else (spec,)
+
+
 @dataclass(frozen=True, slots=True)
 class BuiltObject:
     """An object's files and geometry, in its own frame."""
@@ -90,9 +145,12 @@ class BuiltObject:
     T_object_handle: gtsam.Pose3  # closed; z the way the fingers approach, x along the bar
     p_object_front: FloatArray  # (3,) middle of the closed front
     handle_thickness_m: float  # between the fingers
-    # (N, 3) of every place that looks as if one could pull there, closed: the free part's first,
-    # then those of locked fronts and decoys, NaN where such a front has none. For scoring alone.
+    # (N, 3) of every place that looks as if one could pull there, closed: those of free parts
+    # first, then those of locked fronts and decoys, NaN where such a front has none. For scoring.
     p_object_handles: FloatArray = field(default_factory=lambda: np.zeros((0, 3)))
+    # (M, 3) of the parts that open besides the first, in the spec's order.
+    more_axes_object: FloatArray = field(default_factory=lambda: np.zeros((0, 3)))
+    more_pivots_object: FloatArray = field(default_factory=lambda: np.zeros((0, 3)))
 
     @property
     def view_low(self) -> bool:

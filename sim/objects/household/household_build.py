@@ -49,7 +49,7 @@ def build_household(spec: HouseholdSpec, folder: Path) -> BuiltObject:
     still = _link("corpus", shapes.corpus, np.zeros(3), CORPUS_KG, glossy, folder)
     moving = _link("part", shapes.part, -shapes.origin, spec.mass_kg, glossy, folder)
     joint = joint_element(spec, shapes.origin, shapes.axis)
-    urdf = write_object(spec.name, still, moving, joint, folder)
+    urdf = write_object(spec.name, still, [moving, joint], folder)
     points = np.concatenate([solid.mesh.vertices for solid in shapes.part])
     return BuiltObject(
         spec=spec,

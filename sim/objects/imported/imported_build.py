@@ -54,7 +54,7 @@ def build_imported(spec: ImportedSpec, folder: Path) -> BuiltObject:
     still = _link("corpus", found.corpus, hard, np.zeros(3), CORPUS_KG, folder)
     moving = _link("part", found.part, hard_part, -found.pivot, spec.mass_kg, folder)
     part_joint = joint_element(spec, found.pivot, found.axis)
-    write_object(f"{spec.family} {spec.joint}", still, moving, part_joint, folder)
+    write_object(f"{spec.family} {spec.joint}", still, [moving, part_joint], folder)
     return built
 
 

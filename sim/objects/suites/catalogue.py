@@ -26,6 +26,7 @@ from sim.objects.suites.furniture_spec import (
     Slot,
     sample_furniture,
 )
+from sim.objects.suites.several import CabinetSuite
 
 # Families in the order in which numbers take them, round and round.
 DRAWERS: tuple[Family, ...] = ("chest", "desk", "chest", "chest", "range_drawer", "desk")
@@ -161,10 +162,20 @@ SUITES = {
 }
 
 
-ALL_SUITES: dict[str, Suite | HouseholdSuite] = {**HOUSEHOLD, **SUITES}
+# Cabinets of which several parts open. Nothing is tuned on `furniture-multi` either.
+CABINETS = {
+    suite.name: suite
+    for suite in (
+        CabinetSuite("furniture-multi", "test", 512, 12, SUITES["furniture-116"].ranges),
+        CabinetSuite("furniture-multi-dev", "dev", 43, 4, SUITES["furniture-dev"].ranges),
+    )
+}
+
+AnySuite = Suite | CabinetSuite | HouseholdSuite
+ALL_SUITES: dict[str, AnySuite] = {**HOUSEHOLD, **CABINETS, **SUITES}
 
 
-def find_suite(name: str) -> Suite | HouseholdSuite:
+def find_suite(name: str) -> AnySuite:
     """The suite called `name`.
 
     Raises:

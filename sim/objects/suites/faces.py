@@ -39,6 +39,11 @@ class Face:
         at = self.fronts[front]
         return sum(self.columns[at.left : at.right]), sum(self.rows[at.top : at.bottom])
 
+    def from_above(self) -> tuple[int, ...]:
+        """The fronts but the first, by rows from above, in a row from the left."""
+        rest = range(1, len(self.fronts))
+        return tuple(sorted(rest, key=lambda i: (self.fronts[i].top, self.fronts[i].left)))
+
     def mask(self) -> NDArray[np.int64]:
         """(rows, columns): which front covers a cell."""
         mask = np.full((len(self.rows), len(self.columns)), -1)

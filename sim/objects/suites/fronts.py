@@ -25,17 +25,25 @@ NOWHERE = np.full(3, np.nan)
 class Dressed:
     """What is on the locked fronts, and where. Object frame."""
 
-    boxes: list[Box]
+    boxes: list[Box]  # on the locked fronts
     p_handles: list[FloatArray]  # (3,) of every place where one could grip; NaN on a blind front
+    more: list[list[Box]]  # on those of the spec's further fronts that open
+    p_more: list[FloatArray]  # (3,) of their handles
 
 
 def dress(spec: FurnitureSpec, body: Body) -> Dressed:
-    """Handles and decoys on an object's locked fronts, in the order of the fronts, then knobs."""
+    """Handles and decoys on an object's other fronts, in the order of the fronts, then knobs."""
     rng = np.random.default_rng([*spec.key, 63])
     boxes: list[Box] = []
     p_handles: list[FloatArray] = []
+    freed = dict(zip(body.more_in_locked(), spec.more, strict=True))
+    of_freed: dict[int, tuple[list[Box], FloatArray]] = {}
     for i, (lower, upper) in enumerate(body.locked):
         hinge = _hinge_of(spec, upper - lower, rng)
+        if i in freed:
+            found, T = _like_the_free_one(spec, freed[i].hinge, lower, upper)
+            of_freed[freed[i].front] = found, T.translation()
+            continue
         if i in spec.looks.blind:
             p_handles.append(NOWHERE)
             continue
@@ -49,7 +57,8 @@ def dress(spec: FurnitureSpec, body: Body) -> Dressed:
         boxes += handle_boxes(_knob(), T)
         p_handles.append(T.translation())
     named = [_renamed(box, i) for i, box in enumerate(boxes)]
-    return Dressed(named, p_handles)
+    carried = [of_freed[front.front] for front in spec.more]
+    return Dressed(named, p_handles, [boxes for boxes, _ in carried], [p for _, p in carried])
 
 
 def _hinge_of(spec: FurnitureSpec, size_m: FloatArray, rng: np.random.Generator) -> Hinge | None:

@@ -7,8 +7,9 @@ furniture, z up, origin on the floor.
 
 from __future__ import annotations
 
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, replace
-from typing import Any, Literal
+from typing import Any
 
 import gtsam
 import numpy as np
@@ -44,6 +45,20 @@ Corners = tuple[FloatArray, FloatArray]  # lower and upper (3,), (3,), of a box
 
 
 @dataclass(frozen=True, slots=True)
+class Moving:
+    """A part that opens besides the first."""
+
+    boxes: list[Box]  # in its own frame
+    origin: FloatArray  # (3,) of that frame, a point of the axis
+    axis: FloatArray  # (3,) unit; the part opens along it
+
+    def front(self) -> Corners:
+        """Lower and upper corners (3,), (3,) of its front, in the object frame."""
+        lower, upper = _front_of(self.boxes)
+        return lower + self.origin, upper + self.origin
+
+
+@dataclass(frozen=True, slots=True)
 class Body:
     """Boxes of corpus and part in their links' frames, and the joint in the object frame."""
 
@@ -51,30 +66,45 @@ class Body:
     part: list[Box]
     origin: FloatArray  # (3,) of the part's frame, a point of the axis
     axis: FloatArray  # (3,) unit; the part opens along it
-    locked: list[Corners]  # the other fronts, in the object frame, from above
+    locked: list[Corners]  # the other fronts, in the object frame, from above; free ones too
     panel: Corners | None  # where an appliance may have knobs
+    more: tuple[Moving, ...] = ()  # as the spec has them
 
     def front(self) -> Corners:
         """Lower and upper corners (3,), (3,) of the part's front, in the part's frame."""
-        return _around([box for box in self.part if box.material in ("front", "glass")])
+        return _front_of(self.part)
+
+    def more_in_locked(self) -> list[int]:
+        """Where among the other fronts those are that open."""
+        middles = np.array([(lower + upper) / 2.0 for lower, upper in self.locked]).reshape(-1, 3)
+        fronts = [moving.front() for moving in self.more]
+        return [
+            int(np.linalg.norm(middles - (lower + upper) / 2.0, axis=1).argmin())
+            for lower, upper in fronts
+        ]
+
+
+def _front_of(boxes: list[Box]) -> Corners:
+    return _around([box for box in boxes if box.material in ("front", "glass")])
 
 
 def make_body(spec: FurnitureSpec) -> Body:
     """Builds the library's asset and takes its boxes, and those of what stands beside it."""
     asset = build_asset(lambda scratch: _make_asset(spec, scratch))
-    wanted = PART_LINK.get(spec.family)
-    moving = asset.movable()
-    joint = next(j for j in moving if wanted is None or j.child == wanted[spec.face.fronts[0].top])
+    moving = {joint.child: joint for joint in asset.movable()}
+    child = _child(spec, moving)
     # All links hang on one that stands in the object frame's origin, and none is turned.
-    origins = {j.child: j.T_parent_joint.translation() for j in moving}
+    origins = {name: joint.T_parent_joint.translation() for name, joint in moving.items()}
+    freed = [_compartment(spec.face, front.front, front.hinge) for front in spec.more]
     still = [
         [shifted(box, origins.get(link.name, np.zeros(3))) for box in _boxes(link)]
         for link in asset.links.values()
-        if link.name != joint.child
+        if link.name not in (child, *freed)
     ]
     corpus = [box for boxes in still for box in boxes]
-    part = _boxes(asset.links[joint.child])
-    body = Body(corpus, part, origins[joint.child], joint.axis, [], None)
+    part = _boxes(asset.links[child])
+    more = tuple(Moving(_boxes(asset.links[n]), origins[n], moving[n].axis) for n in freed)
+    body = Body(corpus, part, origins[child], moving[child].axis, [], None, more)
     if spec.family == "sliding":
         body = _faced(body, spec)
         # Its twin has no handle that it would run into; the blocks that both stand between do.
@@ -90,7 +120,24 @@ def make_body(spec: FurnitureSpec) -> Body:
         body = replace(body, panel=_panel(corpus, spec))
     else:
         locked = [_around([box]) for box in corpus if "closed" in box.name]
+        locked += [free.front() for free in more]
     return _in_the_middle(_beside(replace(body, locked=locked), spec), spec)
+
+
+def _child(spec: FurnitureSpec, moving: Collection[str]) -> str:
+    """The library's link of the first free front."""
+    wanted = PART_LINK.get(spec.family)
+    if wanted is not None:
+        return wanted[spec.face.fronts[0].top]
+    if spec.more:
+        return _compartment(spec.face, 0, spec.hinge)
+    return next(iter(moving))
+
+
+def _compartment(face: Face, front: int, hinge: Hinge | None) -> str:
+    """What the library calls a free front of its cabinets, by its upper left cell."""
+    at = face.fronts[front]
+    return f"object_{'drawer' if hinge is None else 'door'}_{at.left}_{at.top}"
 
 
 def _around(boxes: list[Box]) -> Corners:
@@ -119,7 +166,7 @@ def _beside(body: Body, spec: FurnitureSpec) -> Body:
         return body
     width, height = (spec.scale * side for side in neighbour.size_m)
     size = np.array([width, float(spec.own_m[1]), height])
-    asset = build_asset(lambda _: _cabinet(neighbour.face, size, spec.wall_m, "locked"))
+    asset = build_asset(lambda _: _cabinet(neighbour.face, size, spec.wall_m, {}))
     boxes = [box for link in asset.links.values() for box in _boxes(link)]
     ahead = float((body.origin + body.front()[0])[1]) - float(_around(boxes)[0][1])
     own, offset = spec.own_m, np.array([0.0, ahead, 0.0])
@@ -154,6 +201,7 @@ def _shifted(body: Body, by_m: FloatArray) -> Body:
         body.axis,
         [(lower + by_m, upper + by_m) for lower, upper in body.locked],
         None if body.panel is None else (body.panel[0] + by_m, body.panel[1] + by_m),
+        tuple(replace(moving, origin=moving.origin + by_m) for moving in body.more),
     )
 
 
@@ -216,20 +264,21 @@ def _make_asset(spec: FurnitureSpec, scratch: str) -> Any:
                 **sides, handle_length=0.3, handle_shape_args=None, button_size=0.0
             )
         case _:
-            return _cabinet(spec.face, spec.own_m, spec.wall_m, spec.hinge)
+            free = {0: spec.hinge} | {front.front: front.hinge for front in spec.more}
+            return _cabinet(spec.face, spec.own_m, spec.wall_m, free)
 
 
 def _cabinet(
-    face: Face, size_m: FloatArray, wall_m: float, free: Hinge | Literal["locked"] | None
+    face: Face, size_m: FloatArray, wall_m: float, free: Mapping[int, Hinge | None]
 ) -> Any:
-    """A cabinet with the fronts of a face, all closed but the first, if that is free.
+    """A cabinet with the fronts of a face, all closed but those that are free, by their hinges.
 
     A closed compartment's board is the board of a drawer or door there, to the millimetre.
     """
     width, depth, height = size_m.tolist()
     types = ["closed"] * len(face.fronts)
-    if free != "locked":
-        types[0] = COMPARTMENT[free]
+    for front, hinge in free.items():
+        types[front] = COMPARTMENT[hinge]
     return procedural_assets.CabinetAsset(
         width=width,
         depth=depth,

@@ -9,6 +9,7 @@ import gtsam
 import numpy as np
 
 from akm_fg.records import FloatArray
+from sim.objects.library_boxes import shifted
 from sim.objects.meshes import Box
 from sim.objects.part_spec import BuiltObject
 from sim.objects.suites.finishes import write_textures
@@ -16,7 +17,7 @@ from sim.objects.suites.fronts import dress
 from sim.objects.suites.furniture_body import Body, make_body
 from sim.objects.suites.furniture_spec import FurnitureSpec
 from sim.objects.suites.handles import edge_strip, handle_boxes, handle_pose
-from sim.objects.urdf.urdf_files import write_urdf
+from sim.objects.urdf.urdf_files import MovingBoxes, write_urdf
 
 
 def build_furniture(spec: FurnitureSpec, folder: Path) -> BuiltObject:
@@ -25,7 +26,17 @@ def build_furniture(spec: FurnitureSpec, folder: Path) -> BuiltObject:
     write_textures(spec, folder)
     body = pieces.body
     urdf = write_urdf(
-        spec, pieces.corpus, pieces.part, body.origin, body.axis, folder, one_grain=True
+        spec,
+        pieces.corpus,
+        pieces.part,
+        body.origin,
+        body.axis,
+        folder,
+        one_grain=True,
+        more=[
+            MovingBoxes(front, boxes, moving.origin, moving.axis)
+            for front, boxes, moving in zip(spec.more, pieces.more, body.more, strict=True)
+        ],
     )
     return _built(spec, pieces, urdf)
 
@@ -42,6 +53,8 @@ class _Pieces:
     part: list[Box]
     T_part_handle: gtsam.Pose3
     p_locked: list[FloatArray]  # (3,) of handles on locked fronts, object frame
+    more: list[list[Box]]  # of the further parts, in their frames
+    p_more: list[FloatArray]  # (3,) of their handles, object frame
 
 
 def _pieces_of(spec: FurnitureSpec) -> _Pieces:
@@ -53,7 +66,11 @@ def _pieces_of(spec: FurnitureSpec) -> _Pieces:
         part = [*part, edge_strip(spec, spec.hinge, lower, upper)]
     dressed = dress(spec, body)
     corpus = [*body.corpus, *dressed.boxes]
-    return _Pieces(body, corpus, part, T_part_handle, dressed.p_handles)
+    more = [
+        [*moving.boxes, *(shifted(box, -moving.origin) for box in boxes)]
+        for moving, boxes in zip(body.more, dressed.more, strict=True)
+    ]
+    return _Pieces(body, corpus, part, T_part_handle, dressed.p_handles, more, dressed.p_more)
 
 
 def _built(spec: FurnitureSpec, pieces: _Pieces, urdf: Path) -> BuiltObject:
@@ -69,7 +86,11 @@ def _built(spec: FurnitureSpec, pieces: _Pieces, urdf: Path) -> BuiltObject:
         T_object_handle=_moved(T_part_handle, body.origin),
         p_object_front=body.origin + middle,
         handle_thickness_m=spec.handle.thickness_m,
-        p_object_handles=np.array([T_part_handle.translation() + body.origin, *pieces.p_locked]),
+        p_object_handles=np.array(
+            [T_part_handle.translation() + body.origin, *pieces.p_more, *pieces.p_locked]
+        ),
+        more_axes_object=np.array([moving.axis for moving in body.more]).reshape(-1, 3),
+        more_pivots_object=np.array([moving.origin for moving in body.more]).reshape(-1, 3),
     )
 
 

@@ -6,10 +6,12 @@ Together they ask for less than 25 N at the handle, which a child can pull.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 
 from sim.objects.mechanisms import Catch, Closer
+from sim.objects.part_spec import Hinge
 
 CATCH_SHARE = 0.4  # of the objects, held closed by a magnet or a ball
 CLOSER_SHARE = 0.2  # of the drawers, sliding doors and standing doors, pulled shut by a spring
@@ -23,6 +25,27 @@ class PartPhysics:
     damping: float  # N s/m or N m s/rad
     friction: float  # Coulomb, N or N m
     handle_mu: float  # sliding friction of the handle against rubber with mu 1
+
+
+@dataclass(frozen=True, slots=True)
+class FreeFront:
+    """One that is free besides the first: its joint and what a pull has to overcome."""
+
+    front: int  # place among the fronts of its face
+    kind: Literal["prismatic", "revolute"]
+    hinge: Hinge | None
+    mass_kg: float
+    damping: float  # N s/m or N m s/rad
+    friction: float  # Coulomb, N or N m
+    upper: float  # end of the range, m or rad
+    handle_mu: float  # sliding friction of the handle against rubber with mu 1
+    catch: Catch | None
+    closer: Closer | None
+
+    @property
+    def balanced(self) -> bool:
+        """Hinges that lie are."""
+        return self.hinge in ("top", "bottom")
 
 
 def sample_physics(area_m2: float, slides: bool, rng: np.random.Generator) -> PartPhysics:

@@ -16,7 +16,12 @@ from sim.objects.mechanisms import Catch, Closer
 from sim.objects.part_spec import Hinge, hinge_side
 from sim.objects.suites.faces import Face
 from sim.objects.suites.families import APPLIANCES, DRAWER_FAMILIES, Family, SizeRanges
-from sim.objects.suites.furniture_physics import sample_catch, sample_closer, sample_physics
+from sim.objects.suites.furniture_physics import (
+    FreeFront,
+    sample_catch,
+    sample_closer,
+    sample_physics,
+)
 from sim.objects.suites.layouts import Layout, Neighbour, sample_layout
 from sim.objects.suites.manners import (
     BLIND_SHARE,
@@ -79,7 +84,7 @@ class Looks:
 
 @dataclass(frozen=True, slots=True)
 class FurnitureSpec:
-    """One piece of furniture with one moving part. Everything here is truth."""
+    """One piece of furniture, its first free front before others. Everything here is truth."""
 
     name: str
     seed: int  # of the meeting: scale, pose, camera noise
@@ -105,6 +110,7 @@ class FurnitureSpec:
     handle_mu: float  # sliding friction of the handle against rubber with mu 1
     catch: Catch | None  # holds it closed
     closer: Closer | None  # pulls it shut
+    more: tuple[FreeFront, ...] = ()  # further fronts that open
 
     @property
     def balanced(self) -> bool:
@@ -163,7 +169,7 @@ def sample_furniture(slot: Slot, ranges: SizeRanges, seed: int) -> FurnitureSpec
     handle = fitted(drawn, handle_spot(drawn, looks, hinge, family).upright, front_m)
     physics = sample_physics(front_m[0] * front_m[1], hinge is None, rng)
     # From the hinge to the handle, where a hand feels them; a slide's forces are along the slide.
-    lever = None if hinge is None else _lever_m(handle, looks, hinge, family, front_m)
+    lever = None if hinge is None else handle_lever_m(handle, looks, hinge, family, front_m)
     return FurnitureSpec(
         name=slot.name,
         seed=seed,
@@ -218,7 +224,7 @@ def _sample_looks(
     rng = np.random.default_rng([*slot.key, 62])
     side = 1.0 if rng.random() < 0.5 else -1.0
     looks = Looks(sample_manner(slot.hinge, rng), side)
-    if slot.hinge and _lever_m(handle, looks, slot.hinge, slot.family, front_m) < LEVER_MIN_M:
+    if slot.hinge and handle_lever_m(handle, looks, slot.hinge, slot.family, front_m) < LEVER_MIN_M:
         looks = Looks("usual", side)
     beside = len(layout.neighbour.face.fronts) if layout.neighbour else 0
     n = OWN_FRONTS.get(slot.family, len(layout.face.fronts)) + beside - 1  # locked ones
@@ -238,7 +244,7 @@ def handle_spot(handle: HandleSpec, looks: Looks, hinge: Hinge | None, family: F
     return spot_of(looks.manner, hinge, handle.along, looks.side)
 
 
-def _lever_m(
+def handle_lever_m(
     handle: HandleSpec,
     looks: Looks,
     hinge: Hinge,

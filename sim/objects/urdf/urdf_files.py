@@ -1,10 +1,11 @@
-"""The URDF of an object of boxes with one joint, its meshes beside it."""
+"""The URDF of an object of boxes with its joints, its meshes beside it."""
 
 from __future__ import annotations
 
 import copy
 import xml.etree.ElementTree as ET
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Protocol
 
@@ -13,18 +14,19 @@ import numpy as np
 from akm_fg.records import FloatArray
 from sim.objects.meshes import Box, inertia_of_boxes, write_textured_boxes
 
-PART_JOINT = "part_joint"
+PART_JOINT, PART_LINK = "part_joint", "part"  # of the first; others have their numbers after
 OBJECT_URDF = "object.urdf"  # the whole, in an object's folder
 CORPUS_KG = 25.0  # stands fixed: its mass plays no part
 INERTIA_MIN = 1e-5  # kg m^2, of the smallest parts: keeps the solver sound
 
 
-class JointSpec(Protocol):
-    """What is written of the part and its joint."""
+def part_joint(number: int) -> str:
+    """The joint of a part that opens, the first being 0."""
+    return f"{PART_JOINT}_{number}" if number else PART_JOINT
 
-    @property
-    def name(self) -> str:
-        """Of the object."""
+
+class MovingSpec(Protocol):
+    """What is written of a part and its joint."""
 
     @property
     def kind(self) -> str:
@@ -39,6 +41,24 @@ class JointSpec(Protocol):
         """End of the range, m or rad."""
 
 
+class JointSpec(MovingSpec, Protocol):
+    """The same of an object's first part."""
+
+    @property
+    def name(self) -> str:
+        """Of the object."""
+
+
+@dataclass(frozen=True, slots=True)
+class MovingBoxes:
+    """A part that opens besides the first."""
+
+    spec: MovingSpec
+    boxes: Sequence[Box]  # in its own frame
+    origin: FloatArray  # (3,) of that frame in the object frame
+    axis: FloatArray  # (3,)
+
+
 def write_urdf(
     spec: JointSpec,
     corpus: list[Box],
@@ -47,6 +67,7 @@ def write_urdf(
     axis: FloatArray,
     folder: Path,
     one_grain: bool = False,
+    more: Sequence[MovingBoxes] = (),
 ) -> Path:
     """Writes `object.urdf` and one mesh for each link and material into `folder`.
 
@@ -62,20 +83,25 @@ def write_urdf(
         folder: where to.
         one_grain: the part's textures go on where the corpus' end, so that its front cannot be
             told from others; else they begin anew with the part's frame.
+        more: parts that open besides this one.
     """
     still = _link("corpus", corpus, CORPUS_KG, folder)
     grain = origin if one_grain else np.zeros(3)
-    moving = _link("part", part, spec.mass_kg, folder, grain)
-    return write_object(spec.name, still, moving, joint_element(spec, origin, axis), folder)
+    moving = _link(PART_LINK, part, spec.mass_kg, folder, grain)
+    elements = [moving, joint_element(spec, origin, axis)]
+    for number, other in enumerate(more, start=1):
+        grain = other.origin if one_grain else np.zeros(3)
+        link = f"{PART_LINK}_{number}"
+        elements.append(_link(link, other.boxes, other.spec.mass_kg, folder, grain))
+        elements.append(joint_element(other.spec, other.origin, other.axis, number))
+    return write_object(spec.name, still, elements, folder)
 
 
-def write_object(
-    name: str, still: ET.Element, moving: ET.Element, joint: ET.Element, folder: Path
-) -> Path:
-    """Writes `object.urdf`, `corpus.urdf` and `moving.urdf` of a corpus, a part and a joint."""
+def write_object(name: str, still: ET.Element, moving: Sequence[ET.Element], folder: Path) -> Path:
+    """Writes `object.urdf`, `corpus.urdf` and `moving.urdf` of a corpus, and parts and joints."""
     _write(folder / "corpus.urdf", name, [still])
-    _write(folder / "moving.urdf", name, [_unseen(still), moving, joint])
-    return _write(folder / OBJECT_URDF, name, [still, moving, joint])
+    _write(folder / "moving.urdf", name, [_unseen(still), *moving])
+    return _write(folder / OBJECT_URDF, name, [still, *moving])
 
 
 def _write(path: Path, name: str, elements: list[ET.Element]) -> Path:
@@ -135,11 +161,14 @@ def inertial_element(mass_kg: float, com: FloatArray, inertia: FloatArray) -> ET
     return inertial
 
 
-def joint_element(spec: JointSpec, origin: FloatArray, axis: FloatArray) -> ET.Element:
-    """The joint between corpus and part: origin (3,) and axis (3,) in the object frame."""
-    element = ET.Element("joint", name=PART_JOINT, type=spec.kind)
+def joint_element(
+    spec: MovingSpec, origin: FloatArray, axis: FloatArray, number: int = 0
+) -> ET.Element:
+    """The joint between corpus and a part: origin (3,) and axis (3,) in the object frame."""
+    element = ET.Element("joint", name=part_joint(number), type=spec.kind)
+    child = f"{PART_LINK}_{number}" if number else PART_LINK
     ET.SubElement(element, "parent", link="corpus")
-    ET.SubElement(element, "child", link="part")
+    ET.SubElement(element, "child", link=child)
     ET.SubElement(element, "origin", xyz=_text(origin), rpy="0 0 0")
     ET.SubElement(element, "axis", xyz=_text(axis))
     ET.SubElement(
