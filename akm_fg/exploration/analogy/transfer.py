@@ -26,14 +26,14 @@ from akm_fg.exploration.analogy.front import front_axes, front_normal
 from akm_fg.interfaces import FeatureMap
 from akm_fg.records import BoolArray, FloatArray, RgbdFrame
 
-K = 16  # memories that are averaged; fewer find less, more find no more
+K = 32  # memories that are averaged; fewer find less, more find no more
 
 
 @dataclass(frozen=True, slots=True)
 class TransferConfig:
     """How much analogy is worth; measured for EfficientNet's features."""
 
-    temperature: float = 0.03  # of scores: a place with so much less similarity weighs a third
+    temperature: float = 0.02  # of scores: a place with so much less similarity weighs a third
     # Share of the memories' vote in the kinds; the rest is even odds. On furniture-dev the vote
     # says nothing of an object that was left out: likelihood is largest at 0.
     trust_in_kinds: float = 0.0
