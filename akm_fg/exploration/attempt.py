@@ -6,7 +6,7 @@ Knows pictures, joint angles and whether something is between the fingers, and n
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 from typing import Protocol
 
@@ -18,7 +18,7 @@ from akm_fg.exploration.belief import ways_of
 from akm_fg.exploration.config import ExploreConfig
 from akm_fg.exploration.foresight import Pulled, bounds_of, foreseen
 from akm_fg.exploration.processor_time import taking
-from akm_fg.exploration.records import Attempt, Bounds, Contact, Outcome, Stretch
+from akm_fg.exploration.records import Attempt, Bounds, Contact, Hypothesis, Outcome, Stretch
 from akm_fg.exploration.stopping import by_threshold, enough, moved_enough
 from akm_fg.interfaces import Arm, Camera
 from akm_fg.io.recording_depth import as_stored
@@ -73,11 +73,6 @@ class Tried:
     looks: list[Look] = field(default_factory=list)
     fit: RecordingFit | None = None  # of its frames, where something moved
 
-    @property
-    def moved(self) -> bool:
-        """Whether a part was seen to move."""
-        return self.fit is not None
-
 
 class Trier:
     """Tries one hypothesis with an arm, under a camera."""
@@ -91,8 +86,10 @@ class Trier:
         observer: Observer,
         config: ExploreConfig,
         feel_m: float = 0.0,
+        other_way: Callable[[Sequence[Hypothesis]], Hypothesis | None] = lambda rigid: None,
     ) -> None:
         self._arm, self._camera, self._stream, self._feel_m = arm, camera, stream, feel_m
+        self._other_way = other_way
         self._tried, self._observer, self._config = tried, observer, config
         self._tick_s, self._time_s = config.pull.tick_s, tried.attempt.time_s
         self._travel_m = 0.0
@@ -150,17 +147,19 @@ class Trier:
 
     def _pull_in_stretches(self) -> None:
         pull = self._config.pull
+        advanced = self._first_stretch()
+        if advanced is None:
+            return self._end("rigid", f"held, and did not give by {_mm(pull.gave_m)}")
         direction = self._tried.attempt.hypothesis.direction_world
         for number in range(pull.most_stretches):
-            advanced = self._stretch(direction, pull.stretch_m)
+            if number > 0:
+                advanced = self._stretch(direction, pull.stretch_m)
             if not self._arm.holding():
                 if self._solve() is None or not self._hold_again():
                     raise GraspFailed(f"the grip was lost after {_cm(self._travel_m)}")
                 direction = self._tangent(advanced)
                 continue
-            gave = float(np.linalg.norm(advanced)) > pull.gave_m
-            if not gave and number == 0:
-                return self._end("rigid", f"held, and did not give by {_mm(pull.gave_m)}")
+            gave = self._gave(advanced)
             stretch = self._solve()
             if stretch is None:
                 if self._travel_m > pull.slipped_m:
@@ -177,6 +176,26 @@ class Trier:
                 return self._ended_early("the part has come to its stop")
             direction = self._tangent(advanced)
         self._ended_early(f"after {pull.most_stretches} stretches")
+
+    def _first_stretch(self) -> FloatArray | None:
+        """How far (3,) the hand went, by the first way that gives; None where none does."""
+        attempt, rigid = self._tried.attempt, list[Hypothesis]()
+        while True:
+            advanced = self._stretch(
+                attempt.hypothesis.direction_world, self._config.pull.stretch_m
+            )
+            if self._gave(advanced) or not self._arm.holding():
+                return advanced
+            rigid.append(attempt.hypothesis)
+            other = self._other_way(rigid)
+            if other is None:
+                return None
+            attempt.rigid_before.append(attempt.hypothesis.way)
+            attempt.hypothesis, self._travel_m = other, 0.0
+            self._observer.stage(f"  rigid; pulling {other.way}")
+
+    def _gave(self, advanced: FloatArray) -> bool:
+        return float(np.linalg.norm(advanced)) > self._config.pull.gave_m
 
     def _pull_straight(self) -> None:
         """The paper's pull and its check of what moved (Algorithm 2)."""
@@ -217,14 +236,22 @@ class Trier:
         return np.asarray(advanced)
 
     def _watched(self, motion: Iterator[None]) -> None:
-        """Run a motion to its end, a frame at every tick."""
+        """Run a motion to its end, a frame at every tick in which the hand has gone on."""
         while True:
             with taking(self._time_s, "pull"):
                 more = next(motion, _DONE) is not _DONE
             if not more:
                 break
-            self._look()
+            if self._gone_on():
+                self._look()
         self._look()
+
+    def _gone_on(self) -> bool:
+        """Whether the hand is elsewhere than in the last frame: what stands still tells no more."""
+        looks = self._tried.looks
+        before = looks[-1].T_world_gripper.translation()
+        went = float(np.linalg.norm(self._arm.T_world_gripper().translation() - before))
+        return went > self._config.pull.look_m
 
     def _path_on(self, distance_m: float) -> TimedPath | None:
         """Along the joint with the hand turning along; None as long as the joint is vague."""

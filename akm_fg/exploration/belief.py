@@ -11,13 +11,19 @@ or not, which is another matter. A pull by way d opens iff w_f = d, s_c and g_c.
     refused:           says nothing of either; the contact is left alone
 
 Given w_f the contacts' s_c are independent, so the posterior of w_f is exact:
-p(w_f = d | pulls) ~ p(w_f = d) prod_c (1 - s_c (1 - e))^n_cd over n_cd rigid pulls.
-Fronts are independent: more than one part may be free.
+p(w_f = d | pulls) ~ p(w_f = d) prod_c (1 - s_c + s_c e^n_cd) over n_cd rigid pulls: whether a
+contact serves is the same in all of them. Fronts are independent: more than one part may be free.
+
+What is held and rigid one way may be pulled another way for the time of the pull alone. That is
+done where it is likelier to open for a second of the robot's time than a new hold elsewhere; or
+where nothing else is likely to open, so that the hand would come back for it: with B the
+probability that nothing opens, B times the time to reach against 1 - B times that of the pulls.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from copy import deepcopy
 from dataclasses import dataclass, field
 from typing import Protocol
 
@@ -42,13 +48,14 @@ class BeliefConfig:
     upward: float = 0.04
     on_its_front: float = 0.95  # a contact is on the front that it was given to, and has a lever
     slipped: float = 0.5  # of a rigid pull: 40 N slip off what is locked, 5 N open what is free
-    missed: float = 0.02  # a rigid pull on what is free that way: a catch, a jam
+    missed: float = 0.01  # a rigid pull on what is free that way: a catch, a jam
     holds: tuple[float, float] = (4.0, 1.0)  # Beta of a grasp: successes and failures beforehand
-    nothing_left: float = 0.03  # probability that anything opens below which the search ends
-    # Robot's seconds: reaching and closing, and then a pull that opens or meets a rigid front.
-    reach_s: float = 12.0
+    nothing_left: float = 0.05  # probability that anything opens below which the search ends
+    worth_a_pull: float = 0.01  # probability below which what is held is not pulled another way
+    # Robot's seconds: stepping aside, reaching and closing; a pull that opens, or is in vain.
+    reach_s: float = 20.0
     open_s: float = 12.0
-    rigid_s: float = 6.0
+    rigid_s: float = 5.0
 
     def way(self, way: Way) -> float:
         """Share of what opens that opens this way."""
@@ -65,6 +72,10 @@ class Belief(Protocol):
 
     def probability(self, hypothesis: Hypothesis) -> float:
         """That a pull there opens."""
+        ...
+
+    def while_held(self, rigid: Sequence[Hypothesis]) -> Hypothesis | None:
+        """Another way to pull what is held, which was rigid in these; None: rather let go."""
         ...
 
     def learn(
@@ -139,6 +150,30 @@ class BayesBelief:
         opens = self.front_opens(self._contacts[place].front)[way]
         return opens * self._serves(place, way) * self._holds(place)
 
+    def while_held(self, rigid: Sequence[Hypothesis]) -> Hypothesis | None:
+        """Another way to pull what is held; None where a new hold promises more a second."""
+        then, place = BayesBelief(self._contacts, self._config), rigid[0].contact
+        then._tries = deepcopy(self._tries)
+        for pulled in rigid:
+            then.learn(pulled, "rigid", False, True)
+        if then.anything() < self._config.nothing_left:
+            return None
+        left = [Hypothesis(place, way, self._ways[place][way]) for way in WAYS]
+        left = [
+            other
+            for other in left
+            if other.way not in then._tries[place].rigid
+            and then.probability(other) > self._config.worth_a_pull
+        ]
+        if not left:
+            return None
+        best = max(left, key=lambda other: then._gain(other, held=True))
+        new, back = then.next(), 1.0 - then.anything()
+        comes_back = back * self._config.reach_s > (1.0 - back) * self._config.rigid_s * len(left)
+        if new is None or comes_back or then._gain(best, held=True) > then._gain(new):
+            return best
+        return None
+
     def learn(
         self, hypothesis: Hypothesis, outcome: Outcome, moved: bool, held: bool = False
     ) -> None:
@@ -192,8 +227,8 @@ class BayesBelief:
         """Likelihood of the rigid pulls by this way if the front opens by it."""
         likelihood = 1.0
         for place in places:
-            n = self._tries[place].rigid.get(way, 0.0)
-            likelihood *= (1.0 - self._prior_serves(place) * (1.0 - self._config.missed)) ** n
+            serves, n = self._prior_serves(place), self._tries[place].rigid.get(way, 0.0)
+            likelihood *= 1.0 - serves + serves * self._config.missed**n
         return likelihood
 
     def _prior_serves(self, place: int) -> float:
@@ -220,6 +255,10 @@ class BayesBelief:
             return 0.0
         return self._serves(place, way) * self._holds(place)
 
-    def _gain(self, hypothesis: Hypothesis) -> float:
+    def _gain(self, hypothesis: Hypothesis, held: bool = False) -> float:
+        """Probability to open for a second; of what is held already, without reaching for it."""
         c, p = self._config, self.probability(hypothesis)
-        return p / (c.reach_s + p * c.open_s + (1.0 - p) * c.rigid_s)
+        if held:
+            p /= self._holds(hypothesis.contact)
+        reach_s = 0.0 if held else c.reach_s
+        return p / (reach_s + p * c.open_s + (1.0 - p) * c.rigid_s)

@@ -23,6 +23,7 @@ class PullConfig:
     stretch_m: float = 0.03  # of hand path between two solutions
     most_stretches: int = 10
     tick_s: float = 0.25  # between frames of the pull
+    look_m: float = 0.001  # by which the hand has gone on before another frame is taken
     gave_m: float = 0.004  # of the hand in a stretch, with the arm's and the pads' own give
     slipped_m: float = 0.015  # between where the hand is and where the part would have taken it
     # A joint known so well (95 % bounds) leads the hand; before, the hand follows where it may go.
@@ -52,7 +53,7 @@ class ExploreConfig:
     pull: PullConfig = field(default_factory=PullConfig)
     stopping: StopConfig = field(default_factory=StopConfig)
     # Of an object of which nothing is known: that it opens at all. The contacts share it.
-    opens_at_all: float = 0.97
+    opens_at_all: float = 0.95
     same_contact_m: float = 0.02  # candidates nearer than this are one
     shape_alone: float = 0.3  # of a contact's weight that stays where nothing remembered is like it
     memory: str = ""  # folder of remembered contacts; none: the one that comes with the package

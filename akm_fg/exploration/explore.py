@@ -13,7 +13,7 @@ import gtsam
 import numpy as np
 
 from akm_fg.exploration.attempt import Observer, Stream, Tried, Trier
-from akm_fg.exploration.belief import BayesBelief, Belief
+from akm_fg.exploration.belief import BayesBelief, Belief, ways_of
 from akm_fg.exploration.config import ExploreConfig
 from akm_fg.exploration.processor_time import taking
 from akm_fg.exploration.records import Attempt, Contact, Exploration, Hypothesis
@@ -88,7 +88,7 @@ def explore(
         return
     belief = belief_of(exploration, explorer)
     for attempt in exploration.attempts:
-        belief.learn(attempt.hypothesis, attempt.outcome, bool(attempt.stretches), attempt.held)
+        _learn(belief, attempt)
     while exploration.pulls < config.max_attempts and not exploration.opened:
         with taking(exploration.time_s, "belief"):
             hypothesis = belief.next()
@@ -96,7 +96,7 @@ def explore(
         if hypothesis is None:
             break
         tried = _tried(arm, camera, explorer, exploration, observer, belief, hypothesis)
-        belief.learn(hypothesis, tried.attempt.outcome, tried.moved, tried.attempt.held)
+        _learn(belief, tried.attempt)
         if tried.fit is not None or not exploration.looks:
             exploration.fit, exploration.looks = tried.fit, tried.looks
         if not config.adaptive_termination:
@@ -180,9 +180,19 @@ def _tried(
     grasps = _others_first(grasps, exploration, hypothesis)
     tried, stream = Tried(attempt), explorer.stream(number)
     feel_m = explorer.feel_m(frame, contact)
-    Trier(arm, camera, stream, tried, observer, explorer.config, feel_m).run(grasps)
+    Trier(arm, camera, stream, tried, observer, explorer.config, feel_m, belief.while_held).run(
+        grasps
+    )
     observer.ended(number, attempt)
     return tried
+
+
+def _learn(belief: Belief, attempt: Attempt) -> None:
+    contact, moved = attempt.hypothesis.contact, bool(attempt.stretches)
+    ways = ways_of(attempt.contact.normal_world)
+    for way in attempt.rigid_before:
+        belief.learn(Hypothesis(contact, way, ways[way]), "rigid", False, True)
+    belief.learn(attempt.hypothesis, attempt.outcome, moved, attempt.held)
 
 
 def _others_first(

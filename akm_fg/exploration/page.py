@@ -69,7 +69,7 @@ def _row(attempt: Attempt) -> tuple[str, ...]:
     travel = f"{100 * attempt.stretches[-1].travel_m:.1f} cm" if attempt.stretches else "-"
     return (
         f"{contact.what}, front {contact.front + 1}",
-        attempt.hypothesis.way,
+        ", ".join([*attempt.rigid_before, attempt.hypothesis.way]),
         f"{attempt.probability:.2f}",
         attempt.outcome.replace("_", " "),
         attempt.reason,

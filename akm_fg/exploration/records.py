@@ -74,6 +74,7 @@ class Attempt:
     reason: str = INTERRUPTED
     pulled: bool = False  # a refusal costs no pull
     held: bool = False  # the fingers closed on something
+    rigid_before: list[Way] = field(default_factory=list)  # ways in which this hold gave nothing
     stretches: list[Stretch] = field(default_factory=list)
     T_world_grasp: gtsam.Pose3 | None = None  # as it took hold, at the first state
     grasps_refused: int = 0

@@ -58,6 +58,10 @@ class SuppressedMap:
         """The score, which the paper reads as a probability."""
         return float(np.clip(self._score[hypothesis.contact], 0.0, 1.0))
 
+    def while_held(self, rigid: Sequence[Hypothesis]) -> Hypothesis | None:
+        """The paper lets go."""
+        return None
+
     def learn(
         self, hypothesis: Hypothesis, outcome: Outcome, moved: bool, held: bool = False
     ) -> None:

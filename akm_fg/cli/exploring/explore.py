@@ -15,6 +15,7 @@ from akm_fg.cli.output import json_output, write_line
 from akm_fg.errors import InputError
 
 TURNS_RAD = 0.8  # of a hand on what it holds, beyond which it does not hold it
+KEPT_FRAMES = 24  # of a pull: with more a stretch takes longer to solve, and tells no more
 
 if TYPE_CHECKING:
     import tyro
@@ -135,16 +136,23 @@ def explore_request(
 
 
 def exploring_default() -> DemoConfig:
-    """The settings that an exploration begins with, before any file: fingers may turn.
+    """The settings that an exploration begins with, before any file: fingers may turn, few frames.
 
     A compliant pull leaves the hand's orientation free: on a bar or knob it turns by 20 to 30 deg.
+    A recording is solved once, a pull after each stretch.
     """
     from akm_fg.cli.demo_config import DemoConfig
 
     config = DemoConfig()
     rig = config.perception.rig
     turning = replace(rig, gripper=replace(rig.gripper, turn_rad=TURNS_RAD))
-    return replace(config, perception=replace(config.perception, rig=turning))
+    observe = config.perception.observe
+    observe = replace(observe, kept=replace(observe.kept, most=KEPT_FRAMES))
+    return replace(
+        config,
+        perception=replace(config.perception, rig=turning, observe=observe),
+        fit=replace(config.fit, max_frames=KEPT_FRAMES),
+    )
 
 
 def command_of(arguments: ExploreArguments) -> str:

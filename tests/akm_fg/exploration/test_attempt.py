@@ -49,6 +49,7 @@ class PaperCabinet:
     lost: bool = False
     asides: int = 0
     led: int = 0  # stretches in which the joint led the hand
+    along: np.ndarray = field(default_factory=NORMAL.copy)  # way in which what is free slides
 
     def contact(self, front: int) -> Contact:
         p = np.array([0.6, 0.3 * front, 0.5])
@@ -84,7 +85,7 @@ class PaperCabinet:
 
     def pull(self, direction_world, distance_m, tick_s):
         yield
-        if self.front not in self.free or direction_world @ NORMAL < 0.5:
+        if self.front not in self.free or direction_world @ self.along < 0.5:
             self.hand = self.hand + 0.001 * direction_world
             return
         before = self.state.get(self.front, 0.0)
@@ -94,7 +95,7 @@ class PaperCabinet:
             self.slips.pop(self.front)
             return
         self.state[self.front] = after
-        self.hand = self.hand + (after - before) * NORMAL
+        self.hand = self.hand + (after - before) * self.along
 
     def follow(self, path, tick_s):
         way = path.T_world_gripper[-1].translation() - path.T_world_gripper[0].translation()
@@ -117,12 +118,14 @@ class PaperStream:
         if not moved:
             raise NoMotionObserved("nothing moved")
         q = max(moved.values())
-        return fit_of(q, self.frames)
+        return fit_of(q, self.frames, along=self.cabinet.along)
 
 
-def fit_of(q: float, frames: int, vague: float = 0.002) -> RecordingFit:
+def fit_of(q: float, frames: int, vague: float = 0.002, along=NORMAL) -> RecordingFit:
     """A drawer seen to have moved by q in so many frames; its axis known to `vague` / q."""
-    T = gtsam.Pose3(gtsam.Rot3.Ry(-np.pi / 2), np.array([0.6, 0.0, 0.5])).matrix()
+    up = np.array([0.0, 0.0, 1.0])
+    R = gtsam.Rot3(np.column_stack([up, np.cross(along, up), along]))
+    T = gtsam.Pose3(R, np.array([0.6, 0.0, 0.5])).matrix()
     cov = np.zeros((6, 6))
     cov[0, 0] = cov[1, 1] = (vague / q) ** 2
     joint = JointPosterior(Joint(JointKind.PRISMATIC, T, 0.0), cov)
@@ -249,6 +252,39 @@ def test_attempts_end_at_their_number():
     exploration = explored(PaperCabinet(), fronts=9, max_attempts=4)
     assert exploration.pulls == 4
     assert exploration.stop == "attempts"
+
+
+def test_what_is_held_is_pulled_the_other_ways_before_the_hand_lets_go():
+    cabinet = PaperCabinet(free=(0,), along=np.array([0.0, -1.0, 0.0]))
+    exploration = explored(cabinet, fronts=1)
+    assert outcomes(exploration) == [(0, "opened")]
+    attempt = exploration.attempts[0]
+    assert attempt.rigid_before[0] == "outward"
+    assert attempt.hypothesis.way == "left"
+    assert attempt.stretches[0].travel_m == pytest.approx(0.03)  # since it was pulled this way
+    assert exploration.pulls == 1
+    again = exploration_from_dict(exploration_as_dict(exploration), "explore.json")
+    assert again.attempts[0].rigid_before == attempt.rigid_before
+
+
+def test_ways_in_which_a_hold_was_rigid_are_learned_and_not_pulled_again():
+    exploration = explored(PaperCabinet(), fronts=1)
+    ways = [(*a.rigid_before, a.hypothesis.way) for a in exploration.attempts]
+    assert ways == [("outward", "left", "right")]  # of even odds that leave less than 5 %
+    assert exploration.failure.startswith("nothing here opens (probability 0.9")
+
+
+def test_no_frame_is_taken_while_the_hand_stands_still():
+    cabinet, quiet, exploration = PaperCabinet(free=(0,)), Quiet(), Exploration()
+    explorer = Explorer(
+        lambda frame: [cabinet.contact(0)],
+        lambda frame, contact: [gtsam.Pose3(gtsam.Rot3(), contact.p_world)],
+        lambda number: PaperStream(cabinet),
+        ExploreConfig(),
+    )
+    explore(cabinet, cabinet, explorer, exploration, quiet)
+    stretches = len(exploration.attempts[0].stretches)
+    assert quiet.looks == 2 + stretches  # before, held, and one a stretch; not its first tick
 
 
 def test_without_adaptive_termination_one_attempt_is_all():

@@ -78,6 +78,44 @@ def test_when_all_is_rigid_the_search_ends_and_every_front_was_tried_outwards_fi
     assert belief.anything() < BeliefConfig().nothing_left
 
 
+def test_a_second_rigid_pull_at_one_place_hardly_speaks_of_the_front():
+    """Whether a contact serves is the same in both: 1 - s + s e^2, by hand."""
+    config = BeliefConfig(outward=1.0, sideways=0.0, upward=0.0, on_its_front=0.9, missed=0.1)
+    belief = BayesBelief([contact(0, 0.5)], config)
+    for _ in range(2):
+        belief.learn(outward(0), "rigid", False)
+    spared = 0.1 + 0.9 * 0.01
+    assert belief.front_opens(0)["outward"] == pytest.approx(spared / (spared + 1.0))
+
+
+def test_what_is_held_is_pulled_another_way_where_coming_back_is_likely():
+    one = BayesBelief([contact(0, 0.95)])
+    other = one.while_held([outward(0)])
+    assert other is not None and other.contact == 0 and other.way != "outward"
+    seven = BayesBelief([contact(front, 0.35, 0.1 * front) for front in range(7)])
+    assert seven.while_held([outward(0)]) is None  # another front is likelier
+    rigid = [Hypothesis(0, way, way_world) for way, way_world in ways_of(NORMAL).items()]
+    assert one.while_held(rigid) is None
+    assert one.front_opens(0) == BayesBelief([contact(0, 0.95)]).front_opens(
+        0
+    )  # asked, not learned
+
+
+@pytest.mark.parametrize("fronts", [1, 2, 3, 5, 8])
+def test_of_what_is_locked_each_front_is_held_little_more_than_once(fronts):
+    prior = 1.0 - 0.05 ** (1.0 / fronts)
+    belief = BayesBelief([contact(front, prior, 0.1 * front) for front in range(fronts)])
+    holds = 0
+    while (hypothesis := belief.next()) is not None:
+        holds, rigid = holds + 1, [hypothesis]
+        while (other := belief.while_held(rigid)) is not None:
+            rigid.append(other)
+        for pulled in rigid:
+            belief.learn(pulled, "rigid", False)
+    assert holds <= 1.6 * fronts + 1.0
+    assert belief.anything() < BeliefConfig().nothing_left
+
+
 def test_belief_is_right_as_often_as_it_says():
     """Drawn from its own model, calibration of the first answer of a belief with a rigid pull."""
     config, rng = BeliefConfig(holds=(1e9, 1e-9)), np.random.default_rng(3)
