@@ -120,6 +120,28 @@ class CalibrationErrors:
         _require(good, f"standard deviations {numbers} must be finite and no less than 0")
 
 
+@dataclass(frozen=True, slots=True)
+class CameraCorrection:
+    """By how much a camera's world is off the robot's, as far as it is known.
+
+    What the camera, by its calibration, puts at p is at T_world_seen p; a length l that it sees
+    along a slid joint is (1 + length_share) l, give or take `length_share_sd`. Where a joint seems
+    to be is known better than where it is: its covariance by the pictures alone is
+    `cov_seen_joint`.
+    """
+
+    T_world_seen: gtsam.Pose3
+    cov_seen_joint: FloatArray  # (6, 6), in the tangent of T_world_joint
+    length_share: float = 0.0
+    length_share_sd: float = 0.0
+
+    def __post_init__(self) -> None:
+        _require_covariance("cov_seen_joint", self.cov_seen_joint, 6)
+        shares = (self.length_share, self.length_share_sd)
+        good = bool(np.isfinite(shares).all()) and abs(shares[0]) < 1 and shares[1] >= 0
+        _require(good, f"length {shares}, expected a share below 1 and its deviation")
+
+
 def _require_covariance(name: str, cov: FloatArray, n: int) -> None:
     _require(cov.shape == (n, n), f"{name} {cov.shape}, expected {(n, n)}")
     _require(bool(np.isfinite(cov).all()), f"{name} must be finite")

@@ -15,7 +15,7 @@ from akm_fg.interfaces import ObjectSegmenter, PointTracker
 from akm_fg.perception.config import PerceptionConfig
 from akm_fg.perception.observed import ObservedMotion
 from akm_fg.posterior import ArticulationPosterior
-from akm_fg.records import Recording
+from akm_fg.records import CameraCorrection, Recording
 from akm_fg.stream.config import StreamConfig
 
 Sources = Literal["tracks", "surface", "both"]
@@ -27,6 +27,8 @@ class RecordingFit:
 
     observed: ObservedMotion
     posterior: ArticulationPosterior
+    # Of the camera's world, if the posterior is not in it: by a calibration that errs, and a hand.
+    correction: CameraCorrection | None = None
 
 
 @dataclass(frozen=True, slots=True)

@@ -75,13 +75,14 @@ def describe(
     for i, (part, joint) in enumerate(zip(model.parts, joints, strict=True)):
         log.info("%s: mesh and convex pieces", part.name)
         placed = [] if recording is None or i else _placed(part, recording, config)
-        mesh = _mesh(part.name, part.surface, placed, config)
+        mesh = _mesh(part.name, part.surface.moved(part.T_world_seen), placed, config)
         link = _link(part.name, mesh.moved(-joint.origin_world), one_hull, config)
         links.append((joint, link))
     log.info("static: mesh and convex pieces")
     resting = [] if recording is None else _placed(model.parts[0], recording, config)
     still = [replace(each, T_world_surface=gtsam.Pose3()) for each in resting]
-    mesh = _mesh("static", model.static.objects_own, still, config)
+    resting_surface = model.static.objects_own.moved(model.parts[0].T_world_seen)
+    mesh = _mesh("static", resting_surface, still, config)
     return Description(name, _link("static", mesh, one_hull, config), tuple(links))
 
 
@@ -92,7 +93,9 @@ def _placed(part: ModelPart, recording: Recording, config: ExportConfig) -> list
     known = np.flatnonzero(np.isfinite(q))
     wanted = np.linspace(q[known].min(), q[known].max(), config.frames)
     chosen = sorted({int(known[np.argmin(np.abs(q[known] - w))]) for w in wanted})
-    return [PlacedFrame(recording.frames[k], part.T_world_part(float(q[k]))) for k in chosen]
+    frames = [part.corrected(recording.frames[k]) for k in chosen]
+    places = [part.T_world_part(float(q[k])) for k in chosen]
+    return [PlacedFrame(*each) for each in zip(frames, places, strict=True)]
 
 
 def _mesh(name: str, surface: Surface, frames: list[PlacedFrame], config: ExportConfig) -> Mesh:

@@ -87,7 +87,6 @@ class Manipulator:
         config: tuning.
         fresh: grasps as they are seen; None: only those that the part's contacts tell.
         stream: learns from the frames; None: nothing does.
-        length_sd: relative standard deviation of lengths, of the camera's calibration.
     """
 
     def __init__(
@@ -102,12 +101,12 @@ class Manipulator:
         config: ManipulateConfig | None = None,
         fresh: FreshGrasps | None = None,
         stream: Stream | None = None,
-        length_sd: float = 0.0,
     ) -> None:
         self._arm, self._camera, self._follower = arm, camera, follower
         self._part, self._goal, self._run = part, goal, run
         self._observer, self._config = observer, config or ManipulateConfig()
         self._fresh, self._stream = fresh, stream
+        length_sd = 0.0 if part.correction is None else part.correction.length_share_sd
         self._scale = LengthScale(part.joint.joint, length_sd, self._config.scale)
         self._failed_holds = 0
         self._lost_grasps: list[gtsam.Pose3] = []
@@ -335,7 +334,7 @@ class Manipulator:
         self._decide("look", why)
         with taking(self._run.time_s, "step aside"):
             frame = as_stored(self._camera.capture())
-            self._arm.see(frame)
+            self._arm.see(self._part.corrected(frame))
             for _ in self._arm.step_aside(frame, self._config.tick_s):
                 pass
         for _ in range(self._config.search_frames):
@@ -343,8 +342,8 @@ class Manipulator:
             if self._state() is not None:
                 break
             self._wait()
-        self._arm.see(frame)
-        self._frame = frame
+        self._frame = self._part.corrected(frame)
+        self._arm.see(self._frame)
         if self._state() is None:
             belief = self._run.belief
             told = "" if belief is None else f": {belief.reason}"

@@ -19,7 +19,7 @@ from akm_fg.perception.depth.depth_noise import DepthNoiseModel
 from akm_fg.perception.depth.measured_noise import measured_noise
 from akm_fg.perception.observed import ObservedMotion
 from akm_fg.posterior import ArticulationPosterior
-from akm_fg.records import BoolArray, FloatArray, Recording
+from akm_fg.records import BoolArray, CameraCorrection, FloatArray, Recording
 from akm_fg.stages import RecordingFit
 
 
@@ -31,11 +31,18 @@ class FittedRecording:
     observed: ObservedMotion
     posterior: ArticulationPosterior
     closed_state: float = 0.0  # where, in its own states, the part is closed
+    correction: CameraCorrection | None = None  # of the camera's world against the posterior's
 
     @staticmethod
     def of(recording: Recording, fit: RecordingFit, closed_state: float = 0.0) -> FittedRecording:
         """A recording with its fit."""
-        return FittedRecording(recording, fit.observed, fit.posterior, closed_state)
+        return FittedRecording(recording, fit.observed, fit.posterior, closed_state, fit.correction)
+
+    def part(self, surface: Surface) -> ModelPart:
+        """The part that moves, with what is known of it by this recording."""
+        return ModelPart(
+            "part-0", self.posterior, surface, self.closed_state, correction=self.correction
+        )
 
 
 def build_model(
@@ -77,7 +84,8 @@ def build_model(
     static = _static_surface(seen, config)
     if contacts is None:
         contacts = [contact for each in everything for contact in _contacts(each)]
-    part = ModelPart(name, fitted.posterior, moving, fitted.closed_state, limits, tuple(contacts))
+    known = fitted.part(moving)
+    part = replace(known, name=name, limits=limits, contacts=tuple(contacts))
     first = fitted.recording.frames[0]
     names = [each.recording.name for each in everything] if sources is None else sources
     return ObjectModel((part,), static, first.camera, first.T_world_cam, tuple(names))
@@ -96,7 +104,8 @@ def _seen(fitted: FittedRecording, perception: PerceptionConfig, config: ModelCo
     best, recording = fitted.posterior.best, fitted.recording
     if best.joint is None or best.states is None:
         raise InsufficientData(f"{recording.name}: nothing moves; expected a part for a model")
-    q: FloatArray = best.states.mean
+    part = fitted.part(_NO_SURFACE)
+    q: FloatArray = np.array([part.seen_state(float(state)) for state in best.states.mean])
     if q.size != len(recording.frames):
         raise ValueError(f"{q.size} states of {len(recording.frames)} frames")
     frames = spread_frames(q, config.frames)
@@ -107,9 +116,9 @@ def _seen(fitted: FittedRecording, perception: PerceptionConfig, config: ModelCo
     views = part_views(
         recording,
         fitted.observed,
-        best.joint,
+        part.seen_joint,
         q,
-        fitted.closed_state,
+        part.seen_state(fitted.closed_state),
         frames,
         noise,
         perception,
@@ -174,3 +183,6 @@ def _contacts(fitted: FittedRecording) -> list[Contact]:
     here, closed = (gtsam.Pose3(gtsam.Rot3(R[i]), t[i]) for i in range(2))
     T_part_world = closed * here.inverse()
     return [Contact(T_part_world * recording.T_world_gripper[held[0]], state, succeeded=1)]
+
+
+_NO_SURFACE = Surface(np.zeros((0, 3)), np.zeros((0, 3)), np.zeros((0, 3), np.uint8))

@@ -62,7 +62,7 @@ def _named(part: ModelPart, model: ObjectModel) -> ModelPart:
 
 def _placed(part: ModelPart, q: float) -> FloatArray:
     """Points (N, 3) of a part's surface at a state."""
-    T = part.T_world_part(q)
+    T = part.T_seen_part(q)
     return np.asarray(part.surface.p_world @ T.rotation().matrix().T + T.translation())
 
 

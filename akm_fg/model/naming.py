@@ -177,7 +177,7 @@ def _off_m(part: ModelPart, q: float | None, p_world: FloatArray, config: Naming
     """Distance of a point (3,) from a part's surface at a state, or at the nearest of its range."""
     tree = cKDTree(part.surface.p_world)
     states = np.linspace(*part.range_seen(), config.states) if q is None else [q]
-    places: list[gtsam.Pose3] = [part.T_world_part(float(state)) for state in states]
+    places: list[gtsam.Pose3] = [part.T_seen_part(float(state)) for state in states]
     return float(min(tree.query(T.transformTo(p_world))[0] for T in places))
 
 

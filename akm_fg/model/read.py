@@ -12,7 +12,7 @@ from akm_fg.io.arrays.npz import load_arrays
 from akm_fg.io.json_fields import Fields, load_json_object
 from akm_fg.io.posteriors.posterior_reader import posterior_from_fields
 from akm_fg.model.records import Contact, ModelPart, ObjectModel, StateLimits, Surface
-from akm_fg.records import PinholeCamera
+from akm_fg.records import CameraCorrection, PinholeCamera
 
 SCHEMA = "akm-fg/model/1"
 FILE = "model.json"
@@ -94,7 +94,18 @@ def _part(fields: Fields) -> ModelPart:
         limits,
         tuple(_contact(table) for table in _tables(fields, "contacts")),
         _names(fields) if fields.has("from") else (),
+        _correction(fields) if fields.has("correction") else None,
     )
+
+
+def _correction(fields: Fields) -> CameraCorrection:
+    table = fields.table("correction", "as docs/model.md has it")
+    cov = table.array("cov_seen_joint", (6, 6), "6x6 numbers")
+    share, sd = table.number("length_share"), table.number("length_share_sd")
+    try:
+        return CameraCorrection(table.pose("T_world_seen"), cov, share, sd)
+    except ValueError as error:
+        raise fields.error("correction", "cannot be", str(error)) from error
 
 
 def _contact(fields: Fields) -> Contact:

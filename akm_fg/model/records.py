@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from akm_fg.posterior import ArticulationPosterior, JointPosterior, StatePosterior
-from akm_fg.records import BoolArray, FloatArray, PinholeCamera
+from akm_fg.records import BoolArray, CameraCorrection, FloatArray, PinholeCamera, RgbdFrame
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,6 +43,12 @@ class Surface:
         """The points where this (N,) mask is True."""
         own = None if self.on_object is None else self.on_object[chosen]
         return Surface(self.p_world[chosen], self.normal_world[chosen], self.rgb[chosen], own)
+
+    def moved(self, T: gtsam.Pose3) -> Surface:
+        """As it is after a rigid motion."""
+        R = T.rotation().matrix()
+        p = self.p_world @ R.T + T.translation()
+        return Surface(p, self.normal_world @ R.T, self.rgb, self.on_object)
 
     @property
     def objects_own(self) -> Surface:
@@ -95,6 +101,8 @@ class ModelPart:
     limits: StateLimits | None = None  # None: not met
     contacts: tuple[Contact, ...] = ()
     sources: tuple[str, ...] = ()  # recordings of this part; none: those of the whole model
+    # Surfaces are where the camera sees them. None: that is where they are.
+    correction: CameraCorrection | None = None
 
     def __post_init__(self) -> None:
         if self.posterior.best.joint is None:
@@ -117,6 +125,34 @@ class ModelPart:
     def T_world_part(self, q: float) -> gtsam.Pose3:
         """Where the part's frame is at a state."""
         return _motion(self.joint, q) * _motion(self.joint, self.closed_state).inverse()
+
+    @property
+    def T_world_seen(self) -> gtsam.Pose3:
+        """Takes what the camera puts at a place to where it is."""
+        return gtsam.Pose3() if self.correction is None else self.correction.T_world_seen
+
+    def corrected(self, frame: RgbdFrame) -> RgbdFrame:
+        """A frame of the camera that saw the part, put where the part's own joint is right."""
+        return replace(frame, T_world_cam=self.T_world_seen * frame.T_world_cam)
+
+    @property
+    def seen_joint(self) -> JointPosterior:
+        """The joint as the camera sees it, in the world of its calibration; see `seen_state`."""
+        if self.correction is None:
+            return self.joint
+        T = self.correction.T_world_seen.inverse() * gtsam.Pose3(self.joint.T_world_joint)
+        seen = replace(self.joint.joint, T_world_joint=T.matrix())
+        return replace(self.joint, joint=seen, cov=self.correction.cov_seen_joint)
+
+    def seen_state(self, q: float) -> float:
+        """A state as the camera sees it: lengths are what they seem to it."""
+        return q if self.correction is None else q / (1.0 + self.correction.length_share)
+
+    def T_seen_part(self, q: float) -> gtsam.Pose3:
+        """Where the camera sees the part's frame at a state: for its surface."""
+        joint = self.seen_joint
+        here, closed = (_motion(joint, self.seen_state(x)) for x in (q, self.closed_state))
+        return here * closed.inverse()
 
     def range_seen(self) -> tuple[float, float]:
         """Least and greatest state that are known: those seen, the closed one, and limits met."""

@@ -126,6 +126,13 @@ def _part(part: ModelPart, surface: str) -> dict[str, Any]:
         "contacts": [_contact(contact) for contact in part.contacts],
         "surface": surface,
     }
+    if part.correction is not None:
+        fields["correction"] = {
+            "T_world_seen": part.correction.T_world_seen.matrix().tolist(),
+            "cov_seen_joint": part.correction.cov_seen_joint.tolist(),
+            "length_share": part.correction.length_share,
+            "length_share_sd": part.correction.length_share_sd,
+        }
     if part.sources:  # of a model with one part they are the model's
         fields["from"] = list(part.sources)
     return fields

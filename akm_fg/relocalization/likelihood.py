@@ -46,10 +46,10 @@ class StateLikelihood:
 
     def __init__(self, part: ModelPart, static: Surface, config: LikelihoodConfig) -> None:
         self.config = config
-        joint = part.joint.joint
+        joint = part.seen_joint.joint
         chosen = spread(part.surface.p_world, config.points)
         # Surfaces are in the closed pose: taken to state zero, where the joint counts from.
-        (R,), (t,) = joint.motion(np.array([-part.closed_state]))
+        (R,), (t,) = joint.motion(np.array([-part.seen_state(part.closed_state)]))
         x = part.surface.p_world[chosen] @ R.T + t
         normal = part.surface.normal_world[chosen] @ R.T
         self.surface = KnownSurface(joint, x, normal)

@@ -7,7 +7,7 @@ lost:      frames contradict the belief, or it explains nothing -> searching
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -78,13 +78,25 @@ class Relocalizer:
         shift = self._shift(hand, commanded)
         self._stamp_s, self._hand = frame.stamp_s, hand
         if self._filter is None:
-            return self._search(frame, dt_s, shift)
-        return self._track(frame, dt_s, shift)
+            return self._told(self._search(frame, dt_s, shift))
+        return self._told(self._track(frame, dt_s, shift))
+
+    def _told(self, belief: StateBelief) -> StateBelief:
+        """In states of the model; within, they are as the camera sees them."""
+        unit = self.part.seen_state(1.0)
+
+        def true(x: float | None) -> float | None:
+            return None if x is None else x / unit
+
+        return replace(
+            belief, mean=true(belief.mean), sd=true(belief.sd), rate=true(belief.rate),
+            predicted=true(belief.predicted),
+        )  # fmt: skip
 
     def _states(self) -> FloatArray:
         """The grid, over all states that the part may have."""
         c, joint = self.config.search, self.part.joint.joint
-        low, high = self.part.range_seen()
+        low, high = (self.part.seen_state(q) for q in self.part.range_seen())
         if self.part.limits is None:
             most = c.most_rad if joint.kind.turns else c.most_m
             opens = 1.0 if abs(high - self.part.closed_state) >= abs(low - self.part.closed_state) \
@@ -240,10 +252,18 @@ class Relocalizer:
     def _measured(self, frame: RgbdFrame, q: float, reach: float) -> _Measured | None:
         """The state that the surface tells, looked for around a state; None where it tells none."""
         c, surface = self.config, self._likelihood.surface
-        starts = {q, q - reach, q + reach} if reach > self._narrow(q) else {q}
-        ends = [surface.solved(frame, self._noise, start, c.match) for start in sorted(starts)]
+        starts = [q] if reach <= self._narrow(q) else self._starts(frame, q, reach)
+        ends = [surface.solved(frame, self._noise, start, c.match) for start in starts]
         best = max(ends, key=lambda end: end.found)
         return self._checked(frame, best)
+
+    def _starts(self, frame: RgbdFrame, q: float, reach: float) -> list[float]:
+        """The state itself, and the likeliest of the grid's about it: never beyond the range."""
+        states = self._grid.states[np.abs(self._grid.states - q) <= reach]
+        if not states.size:
+            return [q]
+        odds = self._likelihood.log_odds(frame, self._noise, states)
+        return [q, float(states[int(odds.argmax())])]
 
     def _narrow(self, q: float) -> float:
         """The way within which Gauss-Newton finds the surface from one start, as a state."""
@@ -288,7 +308,7 @@ class Relocalizer:
         s = sum w J_q J_xi / sum w J_q^2: a consider state of Schmidt's filter, which no frame
         betters (Jazwinski, Stochastic Processes and Filtering Theory, 1970, sec. 8.4).
         """
-        surface, joint = self._likelihood.surface, self.part.joint
+        surface, joint = self._likelihood.surface, self.part.seen_joint
         x, normal = surface.moved(q)
         by_xi = joint.joint.motion_jacobians(np.array([q]))[0][0]  # (6, 6)
         way = np.cross(by_xi[:3].T[:, None], x[None]) + by_xi[3:].T[:, None]  # (6, S, 3)

@@ -43,8 +43,11 @@ def with_hand_path(
     hands_world: Mapping[int, FloatArray],
     length_sd: float,
     grasp: GraspConfig,
-) -> ArticulationPosterior:
+) -> tuple[ArticulationPosterior, tuple[gtsam.Pose3, float, float] | None]:
     """The best kind's joint, and the scale of its states, with what the hand tells.
+
+    Second comes where that puts the camera's world, (4, 4), and the scale with its deviation; None
+    where the hand tells nothing.
 
     Args:
         posterior: by the camera, its calibration's errors in the covariances.
@@ -54,11 +57,12 @@ def with_hand_path(
     """
     best = posterior.best
     if best.joint is None or best.states is None:
-        return posterior
+        return posterior, None
     path = _path_of(best.states, hands_world)
     if path is None:
-        return posterior
+        return posterior, None
     slides = 0.0 if best.joint.turns else length_sd
+    seen = best.joint.T_world_joint
     joint, kappa, kappa_sd = _fused(best.joint, path, slides, grasp)
     states = best.states
     if slides > 0.0:
@@ -67,7 +71,9 @@ def with_hand_path(
         states = replace(states, mean=(1.0 + kappa) * states.mean, sd=sd)
     kind = replace(best, joint=joint, states=states)
     alternatives = {**posterior.alternatives, str(joint.kind): kind}
-    return replace(posterior, alternatives=alternatives)
+    T_world_joint, T_seen_joint = (gtsam.Pose3(T) for T in (joint.T_world_joint, seen))
+    told = T_world_joint * T_seen_joint.inverse(), kappa, kappa_sd if slides > 0.0 else 0.0
+    return replace(posterior, alternatives=alternatives), told
 
 
 def _path_of(states: StatePosterior, hands_world: Mapping[int, FloatArray]) -> _Path | None:

@@ -25,6 +25,7 @@ from akm_fg.posterior import ArticulationPosterior, doubted
 from akm_fg.records import (
     BoolArray,
     CalibrationErrors,
+    CameraCorrection,
     Doubt,
     FloatArray,
     Recording,
@@ -165,24 +166,35 @@ class SeenSoFar:
             except np.linalg.LinAlgError as error:
                 open_ = f"{self.name}: the data leave a joint or state open ({error})"
                 raise told_with(AxisUnobservable(open_), self._doubts_of_input()) from error
-            posterior = self._calibrated(self._checked(fit).posterior)
+            posterior, correction = self._calibrated(self._checked(fit).posterior)
         fit_s = time.perf_counter() - began
         watching_s = self._watching_s
         times = {"total": watching_s + fit_s, "perception": watching_s, "fit": fit_s}
-        return replace(fit, posterior=replace(posterior, time_s=times))
+        timed = replace(posterior, time_s=times)
+        return replace(fit, posterior=timed, correction=correction)
 
-    def _calibrated(self, posterior: ArticulationPosterior) -> ArticulationPosterior:
-        """With what is not known of the camera."""
+    def _calibrated(
+        self, posterior: ArticulationPosterior
+    ) -> tuple[ArticulationPosterior, CameraCorrection | None]:
+        """With what is not known of the camera, and by how much the hand puts it off."""
         if self._calibration is None:
-            return posterior
+            return posterior, None
+        seen = posterior.best.joint
         first = self._observer.kept.frames[0]
         posterior = calibrated(posterior, self._calibration, first.T_world_cam, first.camera)
-        hand, joint = self.settings.fit.hand_path, posterior.best.joint
-        if hand is None or self._grasp is None or joint is None:
-            return posterior
+        joint = posterior.best.joint
+        if seen is None or joint is None:
+            return posterior, None
         T_cam_joint = first.T_world_cam.inverse().matrix() @ joint.T_world_joint
         length_sd = length_error(T_cam_joint, self._calibration, first.camera)
-        return with_hand_path(posterior, self._held_hands(), length_sd, hand)
+        told = None
+        if self.settings.fit.hand_path is not None and self._grasp is not None:
+            posterior, told = with_hand_path(
+                posterior, self._held_hands(), length_sd, self.settings.fit.hand_path
+            )
+        slides = 0.0 if joint.turns else length_sd
+        where, share, share_sd = told or (gtsam.Pose3(), 0.0, slides)
+        return posterior, CameraCorrection(where, seen.cov, share, share_sd)
 
     def _held_hands(self) -> dict[int, FloatArray]:
         """(3,) of the gripper by the frames of the first stretch in which it holds."""

@@ -163,7 +163,7 @@ def _moving(part: ModelPart, rng: np.random.Generator) -> MovingPart:
 
 def axis_cone(part: ModelPart) -> AxisCone:
     """Axis and cone of a part; of one that slides the axis is drawn through its middle."""
-    joint = part.joint
+    joint = part.seen_joint
     middle = joint.joint.origin if joint.turns else part.surface.p_world.mean(axis=0)
     angle, across = joint.axis_bound_rad(), joint.pivot_bound_m() or 0.0
     s = np.linspace(-_AXIS_HALF_M, _AXIS_HALF_M, _RINGS)

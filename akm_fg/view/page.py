@@ -65,7 +65,7 @@ class Drawn:
 def _placed(part: ModelPart, q: float) -> tuple[Any, Any]:
     from scipy.spatial.transform import Rotation
 
-    T = part.T_world_part(q).matrix()
+    T = part.T_seen_part(q).matrix()
     x, y, z, w = Rotation.from_matrix(T[:3, :3]).as_quat()
     return np.array([w, x, y, z]), T[:3, 3]
 
@@ -207,7 +207,7 @@ def html_page(contents: Contents) -> str:
             for part, state in zip(contents.parts, q, strict=True):
                 sd = float(part.sd[number])
                 words = part.state_in_words(state, sd if np.isfinite(part.q[number]) else None)
-                place = part.part.T_world_part(state).transformFrom(part.cloud.p_world.mean(axis=0))
+                place = part.part.T_seen_part(state).transformFrom(part.cloud.p_world.mean(axis=0))
                 server.scene.add_label(f"/state-{part.part.name}", words, position=place)
             recorder.insert_sleep(1 / FRAMES_A_SECOND)
         recorder.insert_sleep(_END_S)

@@ -31,7 +31,7 @@ def write_rerun(path: Path, contents: Contents) -> None:
         recording.set_time("frame", sequence=number)
         recording.set_time("time", duration=number / FRAMES_A_SECOND)
         for moving, state in zip(contents.parts, q, strict=True):
-            T = moving.part.T_world_part(state).matrix()
+            T = moving.part.T_seen_part(state).matrix()
             moved = rr.Transform3D(translation=T[:3, 3], mat3x3=T[:3, :3])
             recording.log(f"world/{moving.part.name}", moved)
             recording.log(f"state/{moving.part.name}", rr.Scalars(state))

@@ -89,6 +89,9 @@ class KnownSurface:
             if information <= 0:
                 break
             step, along_m = float((w * J * e).sum()) / information, float(np.sqrt((J**2).mean()))
+            # From farther than its gate it sees other surfaces.
+            most = 2.0 * gate_m / max(self.metres_per_unit(solved.q), 1e-9)
+            step = float(np.clip(step, -most, most))
             solved = Found(solved.q + step, information, int(good.sum()), along_m, good)
         return solved
 
