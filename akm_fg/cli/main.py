@@ -99,6 +99,7 @@ def _set_up_log() -> None:
 _COMMANDS = {
     "demo": "demo",
     "explore": "exploring.explore",
+    "run": "running.run",
     "fit": "fit",
     "check": "looking.check",
     "score": "looking.score",

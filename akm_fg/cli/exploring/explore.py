@@ -110,9 +110,19 @@ def explore(arguments: ExploreArguments, config: DemoConfig | None = None) -> in
 
 
 def explore_request(
-    arguments: ExploreArguments, config: DemoConfig | None = None
+    arguments: ExploreArguments,
+    config: DemoConfig | None = None,
+    command: str | None = None,
+    what: str = "explore",
 ) -> ExploreRequest:
-    """What is to be done, and the folder for it."""
+    """What is to be done, and the folder for it.
+
+    Args:
+        arguments: of the command line.
+        config: what `--config` and the flags change; the defaults if absent.
+        command: that repeats it, where it is not explore's own.
+        what: the command's name, for the folder.
+    """
     from akm_fg.backends.registry import stages_of
     from akm_fg.cli.config_argument import write_tree
     from akm_fg.cli.demo_config import demo_config
@@ -120,14 +130,14 @@ def explore_request(
 
     config = demo_config(arguments, config or exploring_default())
     config = replace(config, explore=_chosen(arguments, config.explore))
-    stages, command = stages_of(config), command_of(arguments)
+    stages, command = stages_of(config), command or command_of(arguments)
     thing = parse_object(arguments.object, arguments.joint)
     thing.spec(arguments.seed)  # refuses a broken one before anything is written
     if arguments.resume is not None:
         folder = arguments.resume
         read_request(folder, arguments.object, arguments.seed)
     else:
-        folder = make_run_folder(arguments.out, f"explore-{thing.label}-{arguments.seed}")
+        folder = make_run_folder(arguments.out, f"{what}-{thing.label}-{arguments.seed}")
         write_tree(folder / CONFIG, config, f"All settings of {command}")
     return ExploreRequest(
         thing, arguments.object, arguments.seed, arguments.locked, folder, config, stages,

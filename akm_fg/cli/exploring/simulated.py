@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -21,6 +22,7 @@ from akm_fg.io.png import replace_file
 from akm_fg.records import JointTruth
 from akm_fg.stages import Stages
 from akm_fg.stream.frame_stream import FrameStream
+from sim.episode import SimEpisode
 
 CONFIG = "config.toml"
 RESULT = "explore.json"
@@ -91,8 +93,14 @@ def read_request(folder: Path, name: str, seed: int) -> Exploration:
     return exploration
 
 
-def explore_in_simulator(request: ExploreRequest) -> Explored:
+def explore_in_simulator(
+    request: ExploreRequest, then: Callable[[SimEpisode, Explored], None] | None = None
+) -> Explored:
     """The exploration; what was tried stays readable when it is interrupted.
+
+    Args:
+        request: what to explore.
+        then: goes on in the same world, once the model is written.
 
     Raises:
         InputError: the object cannot be loaded, or the settings cannot be used.
@@ -141,7 +149,10 @@ def explore_in_simulator(request: ExploreRequest) -> Explored:
         explored.measured = Measured(
             reporter.largest_state, reporter.pressed_n, limit_shares(motion)
         )
-    explored.model = write_part_model(request.folder, exploration, config)
+        if then is not None:
+            explored.model = write_part_model(request.folder, exploration, config)
+            then(world, explored)
+    explored.model = explored.model or write_part_model(request.folder, exploration, config)
     keep()
     title = f"{request.object.title}, seed {request.seed}"
     write_outcome(

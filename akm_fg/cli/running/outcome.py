@@ -1,0 +1,125 @@
+"""What a run leaves in its folder and as JSON."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from akm_fg import __version__
+from akm_fg.cli.running.recorder import RECORDING
+from akm_fg.cli.running.simulated import ManipulateRequest, Ran
+from akm_fg.io.posteriors.posterior_json import posterior_as_dict
+from akm_fg.manipulation.page import manipulation_part
+from akm_fg.posterior import ArticulationPosterior, StatePosterior
+from akm_fg.records import Recording, RoundSummary, first_hold
+from akm_fg.report.summary import ArmRecord, Goal, RunSummary
+from akm_fg.report.write import write_report
+
+REPORT = "report.html"
+
+
+def write_run_report(request: ManipulateRequest, ran: Ran, title: str) -> Path | None:
+    """Write report.html of the manipulation; None where no frame of one was taken.
+
+    That of the exploration before it, if there was one, keeps its own name.
+
+    Raises:
+        OutputError: the disk refuses.
+    """
+    part, run, goal = ran.part, ran.manipulation, ran.goal
+    if part is None or goal is None or not run.looks:
+        return None
+    frames = tuple(look.frame for look in run.looks)
+    grips = tuple(look.T_world_gripper for look in run.looks)
+    recording = Recording(RECORDING, frames, None, grips, first_hold(run.looks))
+    moves = [decision for decision in run.decisions if decision.commanded is not None]
+    summary = RunSummary(
+        title=title,
+        command=request.explore.command,
+        seed=request.explore.seed,
+        version=__version__,
+        recording=recording,
+        tracks=None,
+        posterior=_posterior(ran),
+        truth=ran.truth,
+        goal=Goal(goal.state - part.closed_state, goal.tolerance, part.joint.kind.unit),
+        rounds=tuple(
+            RoundSummary(d.commanded, d.state or 0.0, d.state_sd or 0.0, d.probability)
+            for d in moves
+        ),
+        final_state_true=ran.final_state,
+        arm=ArmRecord(None, None, ran.limit_shares),
+        time_s=dict(run.time_s),
+        failure=ran.failure,
+    )
+    notes = [note for note in (ran.learned and f"Learned: {ran.learned}.",) if note]
+    words = manipulation_part(run, part.joint.kind.unit, notes)
+    folder = request.explore.folder
+    path = folder / REPORT
+    if path.exists():  # the exploration's
+        path.rename(folder / "exploration.html")
+    write_report(path, summary, request.explore.config.overlay, introduction=words)
+    return path
+
+
+def _posterior(ran: Ran) -> ArticulationPosterior:
+    """The part's, with the states that were believed while it was moved."""
+    part = ran.part
+    assert part is not None
+    unit = part.joint.kind.unit
+    tracked = [belief.mode == "tracking" for belief in ran.manipulation.beliefs]
+    means = [b.mean if t else None for b, t in zip(ran.manipulation.beliefs, tracked, strict=True)]
+    sds = [b.sd if t else None for b, t in zip(ran.manipulation.beliefs, tracked, strict=True)]
+    states = StatePosterior(unit, _numbers(means), _numbers(sds))
+    best = replace(part.posterior.best, states=states)
+    alternatives = {**part.posterior.alternatives, str(part.joint.kind): best}
+    return replace(part.posterior, alternatives=alternatives)
+
+
+def _numbers(values: list[float | None]) -> np.ndarray:
+    return np.array([np.nan if value is None else value for value in values])
+
+
+def run_as_dict(request: ManipulateRequest, ran: Ran, total_s: float) -> dict[str, Any]:
+    """The run as JSON (`akm-fg/run/1`, docs/conventions.md)."""
+    part, run, truth = ran.part, ran.manipulation, ran.truth
+    belief = run.belief
+    known = belief is not None and belief.mode == "tracking"
+    attempts = 0 if ran.explored is None else ran.explored.exploration.pulls
+    return {
+        "schema": "akm-fg/run/1",
+        "object": request.explore.name,
+        "seed": request.explore.seed,
+        "explored": ran.explored is not None,
+        "attempts": attempts,
+        "posterior": None if part is None else posterior_as_dict(part.posterior),
+        "part": None if part is None else part.name,
+        "target": None if ran.goal is None or part is None else ran.goal.state - part.closed_state,
+        "tolerance": None if ran.goal is None else ran.goal.tolerance,
+        "rounds": run.rounds,
+        "looks": run.clear_looks,
+        "regrasps": run.regrasps,
+        # A state that nobody knows is null.
+        "state": {"mean": belief.mean, "sd": belief.sd} if known and belief is not None else None,
+        "p_within_tolerance": run.probability,
+        "decisions": [asdict(decision) for decision in run.decisions],
+        "stop": None if run.stop is None else asdict(run.stop),
+        "learned": ran.learned,
+        "model": None if ran.model_path is None else str(ran.model_path),
+        "truth": None
+        if truth is None
+        else {
+            "kind": truth.kind,
+            "axis": truth.axis.tolist(),
+            "pivot": None if truth.pivot is None else truth.pivot.tolist(),
+            "start_state": ran.start_state,
+            "final_state": ran.final_state,
+            "pressed_n": ran.pressed_n,
+            "limit_shares": ran.limit_shares,
+        },
+        "time_s": {**run.time_s, "manipulation_cpu": ran.cpu_s, "total": total_s},
+        "failure": ran.failure,
+    }
