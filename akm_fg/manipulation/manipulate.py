@@ -425,7 +425,9 @@ class Manipulator:
         q, sd = state if state is not None else (None, None)
         goal = self._goal
         p = 0.0 if state is None else probability_within(*state, goal.state, goal.tolerance)
-        decision = Decision(action, why, q, sd, p, commanded, foreseen or {}, reach)
+        decision = Decision(
+            action, why, q, sd, p, len(self._run.looks), commanded, foreseen or {}, reach
+        )
         self._run.decisions.append(decision)
         self._observer.decided(decision)
 

@@ -30,6 +30,7 @@ class Decision:
     state: float | None  # the belief then, m or rad; None: not known
     state_sd: float | None
     probability: float  # of being within tolerance, then
+    looks: int  # frames taken until then
     commanded: float | None = None  # state that a move goes to
     foreseen: dict[str, float] = field(default_factory=dict)  # 95 % bounds at its end
     reach: float | None = None  # share of the way that a grasp can go
