@@ -57,7 +57,9 @@ class Ran:
 
 def ran_demo(name: str, target: str, seed: int, path: Path, config: DemoConfig = SMALL) -> Ran:
     said, told, out = io.StringIO(), io.StringIO(), path / "run.json"
-    arguments = DemoArguments(name, target=target, seed=seed, out=path / "runs", json=str(out))
+    arguments = DemoArguments(
+        name, target=target, seed=seed, out=path / "runs", json=str(out), contact="given"
+    )
     with contextlib.redirect_stdout(said), contextlib.redirect_stderr(told):
         done = run_demo(arguments, config)
     assert done.folder == _only_folder(path / "runs") and done.summary is not None
@@ -165,7 +167,7 @@ from akm_fg.cli.demo_config import DemoConfig, SimulatorConfig, demo_config
 from sim.camera.camera import CameraConfig
 from sim.camera.rig import PERFECT, RigErrors
 
-arguments = DemoArguments("door", seed=5, out=Path(sys.argv[1]))
+arguments = DemoArguments("door", seed=5, out=Path(sys.argv[1]), contact="given")
 demo(arguments, DemoConfig(sim=SimulatorConfig(camera=CameraConfig().scaled(0.5))))
 """
 
@@ -204,7 +206,7 @@ class Interrupting:
 
 
 def test_an_interrupted_demo_leaves_what_was_recorded_readable(tmp_path, capfd):
-    arguments = DemoArguments("drawer", out=tmp_path / "runs")
+    arguments = DemoArguments("drawer", out=tmp_path / "runs", contact="given")
     assert run_demo(arguments, SMALL, Interrupting()).code == 130
     folder = _only_folder(tmp_path / "runs")
     assert len(read_recording(folder / "recording").frames) == 3
@@ -215,7 +217,12 @@ def test_an_interrupted_demo_leaves_what_was_recorded_readable(tmp_path, capfd):
 def test_a_grasp_that_fails_before_the_first_frame_is_told(tmp_path, capfd):
     wide = replace(SMALL.sim.franka.gripper, nothing_m=0.1)  # wider than the hand opens
     sim = replace(SMALL.sim, franka=replace(SMALL.sim.franka, gripper=wide))
-    assert demo(DemoArguments("drawer", out=tmp_path / "runs"), replace(SMALL, sim=sim)) == 1
+    assert (
+        demo(
+            DemoArguments("drawer", out=tmp_path / "runs", contact="given"), replace(SMALL, sim=sim)
+        )
+        == 1
+    )
     assert "nothing between them" in capfd.readouterr().err
 
 

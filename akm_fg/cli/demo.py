@@ -5,9 +5,9 @@ from __future__ import annotations
 import importlib.util
 import json as json_module
 import time
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
@@ -21,6 +21,7 @@ from akm_fg.report.wording import printable
 
 if TYPE_CHECKING:
     from akm_fg.cli.demo_config import DemoConfig
+    from akm_fg.cli.running.run import RunArguments
     from akm_fg.closed_loop import Observer
     from akm_fg.report.summary import RunSummary
     from sim.objects.part_spec import PartSpec
@@ -34,14 +35,17 @@ _SHARE_OF_RANGE = 0.8  # of a range that ends before the usual target
 class DemoArguments:
     """Example: akm-fg demo --object drawer --target 0.25 --seed 3
 
-    A simulated Franka grasps the handle of a cabinet, pulls, finds out from RGB-D what moved and
-    how, and drives the part to a target state. Writes a folder with the recording, the posterior
-    and report.html. The exit code is 1 when the target was not reached.
+    A simulated Franka looks at a cabinet that it has never seen, tries where it opens, finds out
+    from RGB-D what moved and how, and drives the part to a target state, as akm-fg run does. With
+    --contact given a grasp of the handle is handed to it instead. Writes a folder with the
+    recordings, the model and report.html. The exit code is 1 when the target was not reached.
     """
 
     object: str = "door"
     """What the robot meets: door, drawer, SUITE/NAME (akm-fg objects lists them), a URDF file, or
     the folder of a PartNet-Mobility object."""
+    contact: Literal["explored", "given"] = "explored"
+    """Where to take hold: found out by exploring, or given."""
     joint: str | None = None
     """Of a file or folder: the joint that is free, where several move."""
     scale: float | None = None
@@ -49,7 +53,7 @@ class DemoArguments:
     millimetres. If absent 1 for a URDF file, and for a folder what its category's size gives."""
     target: str | None = None
     """Opening to reach from closed: metres (0.25) where it slides, degrees (35deg) where it turns.
-    If absent 0.20 or 35deg, or 0.8 of the range where that is less."""
+    If absent 0.20 or 35deg; with a given contact 0.8 of the range where that is less."""
     seed: int = 0
     """Of the object and the camera's noise."""
     out: Path = Path("runs")
@@ -90,7 +94,29 @@ def demo(arguments: DemoArguments, config: DemoConfig | None = None) -> int:
         MissingDependency: the simulator is not installed.
         OutputError: the run's folder cannot be written.
     """
+    if arguments.contact == "explored":
+        return _explored(arguments, config)
     return run_demo(arguments, config).code
+
+
+def _explored(arguments: DemoArguments, config: DemoConfig | None) -> int:
+    """Explore, model, run to the target, report."""
+    from akm_fg.cli.running.run import carried_out, run_request
+
+    target = None if arguments.target is None else parse_target(arguments.target)
+    require_simulator()
+    thing = parse_object(arguments.object, arguments.joint, arguments.scale)
+    request = run_request(_as_run(arguments), config, _command(arguments, thing), "demo")
+    return carried_out(replace(request, target=target), arguments.json)
+
+
+def _as_run(arguments: DemoArguments) -> RunArguments:
+    """The flags that a run has too; the target is the caller's."""
+    from akm_fg.cli.running.run import RunArguments
+
+    names = ("object", "joint", "scale", "seed", "out", "config", "tracker", "segmenter",
+             "rig_errors")  # fmt: skip
+    return RunArguments(target="0", **{name: getattr(arguments, name) for name in names})
 
 
 def run_demo(
@@ -169,6 +195,7 @@ def wanted_state(
 
 def _command(arguments: DemoArguments, thing: ObjectArgument) -> str:
     words = f"akm-fg demo {thing.words} --seed {arguments.seed}"
+    words += " --contact given" if arguments.contact == "given" else ""
     for flag in ("target", "config", "tracker", "segmenter"):
         given = getattr(arguments, flag)
         words += "" if given is None else f" --{flag} {given}"

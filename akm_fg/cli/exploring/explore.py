@@ -42,6 +42,9 @@ class ExploreArguments:
     the folder of a PartNet-Mobility object."""
     joint: str | None = None
     """Of a file or folder: the joint that is free, where several move."""
+    scale: float | None = None
+    """Of a file or folder: what every length in it is multiplied by, such as 0.001 for one in
+    millimetres. If absent 1 for a URDF file, and for a folder what its category's size gives."""
     seed: int = 0
     """Of the object and the camera's noise."""
     max_attempts: int = 25
@@ -131,7 +134,7 @@ def explore_request(
     config = demo_config(arguments, config or exploring_default())
     config = replace(config, explore=_chosen(arguments, config.explore))
     stages, command = stages_of(config), command or command_of(arguments)
-    thing = parse_object(arguments.object, arguments.joint)
+    thing = parse_object(arguments.object, arguments.joint, arguments.scale)
     thing.spec(arguments.seed)  # refuses a broken one before anything is written
     if arguments.resume is not None:
         folder = arguments.resume
@@ -167,7 +170,7 @@ def exploring_default() -> DemoConfig:
 
 def command_of(arguments: ExploreArguments) -> str:
     """The command line that repeats a run."""
-    thing = parse_object(arguments.object, arguments.joint)
+    thing = parse_object(arguments.object, arguments.joint, arguments.scale)
     words = [f"akm-fg explore {thing.words} --seed {arguments.seed}"]
     for flag in ("config", "tracker", "segmenter"):
         given = getattr(arguments, flag)

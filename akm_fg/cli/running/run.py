@@ -54,6 +54,8 @@ class RunArguments:
     """How far a move goes: as far as the covariance bears, or fixed steps (the baseline)."""
     joint: str | None = None
     """Of a file or folder: the joint that is free, where several move."""
+    scale: float | None = None
+    """Of a file or folder: what every length in it is multiplied by."""
     seed: int = 0
     """Of the object and the camera's noise."""
     rig_errors: bool = False
@@ -82,28 +84,48 @@ def run(arguments: RunArguments, config: DemoConfig | None = None) -> int:
         MissingDependency: the simulator is not installed.
         OutputError: the run's folder cannot be written.
     """
-    began = time.perf_counter()
     require_simulator("the run")
+    return carried_out(run_request(arguments, config), arguments.json)
+
+
+def carried_out(request: ManipulateRequest, json: str | None) -> int:
+    """Carry out a request, write what came of it, and say so; the exit code comes back.
+
+    Raises:
+        InputError: the object or the model cannot be used.
+        OutputError: something cannot be written.
+    """
     from akm_fg.cli.running.outcome import run_as_dict, write_run_report
     from akm_fg.cli.running.simulated import run_in_simulator
 
-    with json_output(arguments.json) as stream:
-        request = run_request(arguments, config)
+    began = time.perf_counter()
+    with json_output(json) as stream:
         ran = run_in_simulator(request)
-        title = f"{request.explore.object.title}, seed {arguments.seed}"
+        title = f"{request.explore.object.title}, seed {request.explore.seed}"
         report = write_run_report(request, ran, title)
         result = run_as_dict(request, ran, time.perf_counter() - began)
         if stream is not None:
             write_line(stream, json_module.dumps(result, allow_nan=False))
-    if arguments.json != "-":
+    if json != "-":
         _print(request, ran, report)
     if ran.interrupted:
         return INTERRUPTED
     return DONE if ran.reached else GOAL_NOT_REACHED
 
 
-def run_request(arguments: RunArguments, config: DemoConfig | None = None) -> ManipulateRequest:
+def run_request(
+    arguments: RunArguments,
+    config: DemoConfig | None = None,
+    command: str | None = None,
+    what: str = "run",
+) -> ManipulateRequest:
     """What is to be done, and the folder for it.
+
+    Args:
+        arguments: of the command line.
+        config: what `--config` and the flags change; the defaults if absent.
+        command: that repeats it, where it is not run's own.
+        what: the command's name, for the folder.
 
     Raises:
         InputError: a target, part or model that cannot be used.
@@ -130,11 +152,11 @@ def run_request(arguments: RunArguments, config: DemoConfig | None = None) -> Ma
     config = config or exploring_default()
     config = replace(config, manipulate=replace(config.manipulate, planner=arguments.planner))
     asked = ExploreArguments(
-        object=arguments.object, joint=arguments.joint, seed=arguments.seed,
+        object=arguments.object, joint=arguments.joint, scale=arguments.scale, seed=arguments.seed,
         rig_errors=arguments.rig_errors, out=arguments.out, config=arguments.config,
         tracker=arguments.tracker, segmenter=arguments.segmenter,
     )  # fmt: skip
-    explore = explore_request(asked, config, command=_command(arguments), what="run")
+    explore = explore_request(asked, config, command=command or _command(arguments), what=what)
     return ManipulateRequest(
         explore, target, tolerance, part, arguments.model, None if start is None else start[0]
     )
@@ -143,8 +165,7 @@ def run_request(arguments: RunArguments, config: DemoConfig | None = None) -> Ma
 def _command(arguments: RunArguments) -> str:
     """The command line that repeats a run."""
     words = [f"akm-fg run {arguments.object}"]
-    for flag in ("target", "tolerance", "part", "model", "start", "joint", "config", "tracker",
-                 "segmenter"):  # fmt: skip
+    for flag in _NAMED:
         given = getattr(arguments, flag)
         words += [] if given is None else [f"--{flag} {given}"]
     words += [f"--planner {arguments.planner}"] if arguments.planner != "covariance" else []
@@ -182,3 +203,8 @@ def _print(request: ManipulateRequest, ran: Ran, report: Path | None) -> None:
     elif ran.explored is not None:
         path = request.explore.folder / "report.html"
         out.print(f"report: {printable(str(path))}", soft_wrap=True, markup=False)
+
+
+# Flags with a value, that a command line which repeats a run needs.
+_NAMED = ("target", "tolerance", "part", "model", "start", "joint", "scale", "config", "tracker")
+_NAMED += ("segmenter",)

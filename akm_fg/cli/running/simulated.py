@@ -32,13 +32,17 @@ from akm_fg.stream.frame_stream import FrameStream
 from factors.joint import Unit
 from sim.episode import SimEpisode
 
+# Openings that ordinary drawers and doors have: of a demonstration that names none.
+USUAL: dict[Unit, float] = {"m": 0.20, "rad": float(np.deg2rad(35.0))}
+
 
 @dataclass(frozen=True, slots=True)
 class ManipulateRequest:
     """What to do with a part of which object, and where to write."""
 
     explore: ExploreRequest  # the object, the folder and the settings; explored if `model` is None
-    target: tuple[float, Unit]  # opening from closed
+    # Opening from closed; None: what is usual for the kind that the joint turns out to be.
+    target: tuple[float, Unit] | None
     tolerance: tuple[float, Unit] | None = None
     part: PartName | None = None
     model: Path | None = None
@@ -150,8 +154,8 @@ def _manipulate(
 
 def goal_of(request: ManipulateRequest, part: ModelPart) -> tuple[Goal | None, str | None]:
     """The goal in the model's states, or why this part cannot have it."""
-    opening, unit = request.target
     own = part.joint.kind.unit
+    opening, unit = request.target or (USUAL[own], own)
     if unit != own:
         does = "turns" if own == "rad" else "slides"
         said = "metres (0.25)" if unit == "m" else "degrees (35deg)"
