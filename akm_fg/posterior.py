@@ -100,6 +100,7 @@ class StatePosterior:
     unit: Unit
     mean: FloatArray  # (T,); NaN where the part was not seen
     sd: FloatArray  # (T,)
+    from_closed: bool = False  # counted from where the part is closed instead
 
     @property
     def last_seen(self) -> int | None:

@@ -70,8 +70,8 @@ def line_distance_m(p: FloatArray, a: FloatArray, q: FloatArray, b: FloatArray) 
 def aligned_truth(states: StatePosterior, axis: FloatArray, truth: JointTruth) -> FloatArray:
     """True states (T,) as the estimate counts them: its zero, and along its axis.
 
-    The zero is the first frame in which the part was seen; the sign is that of the angle between
-    the axes. Frames beyond the truth's are NaN.
+    The zero is the first frame in which the part was seen, or where it is closed; the sign is that
+    of the angle between the axes. Frames beyond the truth's are NaN.
     """
     n = len(states.mean)
     true = np.full(n, np.nan)
@@ -81,7 +81,7 @@ def aligned_truth(states: StatePosterior, axis: FloatArray, truth: JointTruth) -
     if not seen.size:
         return np.full(n, np.nan)
     sign = -1.0 if np.dot(axis, truth.axis) < 0 else 1.0
-    return sign * (true - true[seen[0]])
+    return sign * (true if states.from_closed else true - true[seen[0]])
 
 
 def score(

@@ -27,6 +27,11 @@ def what_was_done(summary: RunSummary) -> str:
             else f"From {watched}, a factor graph was to work out what moved and how."
         )
     goal = chosen(summary.goal.target, summary.goal.unit)
+    if summary.tracks is None and summary.posterior is not None:
+        return (
+            f"A robot that has a model of an object followed its part through {_frames(frames)} of "
+            f"one fixed RGB-D camera and moved it towards {goal}, looking again after each move."
+        )
     begin = "A robot pulled at an object that it had never seen"
     if summary.posterior is None:
         return f"{begin}, to learn how it moves and then to move the part to {goal}."

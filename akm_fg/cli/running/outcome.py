@@ -35,7 +35,6 @@ def write_run_report(request: ManipulateRequest, ran: Ran, title: str) -> Path |
     frames = tuple(look.frame for look in run.looks)
     grips = tuple(look.T_world_gripper for look in run.looks)
     recording = Recording(RECORDING, frames, None, grips, first_hold(run.looks))
-    moves = [decision for decision in run.decisions if decision.commanded is not None]
     summary = RunSummary(
         title=title,
         command=request.explore.command,
@@ -46,10 +45,7 @@ def write_run_report(request: ManipulateRequest, ran: Ran, title: str) -> Path |
         posterior=_posterior(ran),
         truth=ran.truth,
         goal=Goal(goal.state - part.closed_state, goal.tolerance, part.joint.kind.unit),
-        rounds=tuple(
-            RoundSummary(d.commanded, d.state or 0.0, d.state_sd or 0.0, d.probability)
-            for d in moves
-        ),
+        rounds=_rounds(ran),
         final_state_true=ran.final_state,
         arm=ArmRecord(None, None, ran.limit_shares),
         time_s=dict(run.time_s),
@@ -65,6 +61,24 @@ def write_run_report(request: ManipulateRequest, ran: Ran, title: str) -> Path |
     return path
 
 
+def _rounds(ran: Ran) -> tuple[RoundSummary, ...]:
+    """What was believed at first, and after each move, from closed."""
+    rounds: list[RoundSummary] = []
+    commanded = None
+    part = ran.part
+    closed = 0.0 if part is None else part.closed_state
+    for decision in ran.manipulation.decisions:
+        known = decision.state is not None and decision.state_sd is not None
+        if known and (commanded is not None or not rounds):
+            there = None if commanded is None else commanded - closed
+            mean = (decision.state or 0.0) - closed
+            rounds.append(RoundSummary(there, mean, decision.state_sd or 0.0, decision.probability))
+            commanded = None
+        if decision.action in ("move", "pull"):
+            commanded = decision.commanded
+    return tuple(rounds)
+
+
 def _posterior(ran: Ran) -> ArticulationPosterior:
     """The part's, with the states that were believed while it was moved."""
     part = ran.part
@@ -73,7 +87,7 @@ def _posterior(ran: Ran) -> ArticulationPosterior:
     tracked = [belief.mode == "tracking" for belief in ran.manipulation.beliefs]
     means = [b.mean if t else None for b, t in zip(ran.manipulation.beliefs, tracked, strict=True)]
     sds = [b.sd if t else None for b, t in zip(ran.manipulation.beliefs, tracked, strict=True)]
-    states = StatePosterior(unit, _numbers(means), _numbers(sds))
+    states = StatePosterior(unit, _numbers(means), _numbers(sds), from_closed=True)
     best = replace(part.posterior.best, states=states)
     alternatives = {**part.posterior.alternatives, str(part.joint.kind): best}
     return replace(part.posterior, alternatives=alternatives)

@@ -206,5 +206,7 @@ def _print(request: ManipulateRequest, ran: Ran, report: Path | None) -> None:
 
 
 # Flags with a value, that a command line which repeats a run needs.
-_NAMED = ("target", "tolerance", "part", "model", "start", "joint", "scale", "config", "tracker")
-_NAMED += ("segmenter",)
+_NAMED = (
+    "target", "tolerance", "part", "model", "start", "joint", "scale", "config", "tracker",
+    "segmenter",
+)  # fmt: skip

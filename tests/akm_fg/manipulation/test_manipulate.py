@@ -1,0 +1,280 @@
+"""Decisions on the way to a target, with an arm and a camera that exist on paper only."""
+
+from dataclasses import replace
+
+import gtsam
+import numpy as np
+import pytest
+
+from akm_fg.errors import GraspFailed, MotionInfeasible
+from akm_fg.manipulation.config import ManipulateConfig
+from akm_fg.manipulation.manipulate import Manipulator
+from akm_fg.manipulation.records import Goal, Manipulation
+from akm_fg.records import PinholeCamera, RgbdFrame
+from akm_fg.relocalization.records import StateBelief
+from tests.akm_fg.manipulation.conftest import GRASP
+
+CAMERA = PinholeCamera(4, 3, 4.0, 4.0, 1.5, 1.0)
+CONFIG = ManipulateConfig(tolerance_m=0.005)
+
+
+class World:
+    """A drawer that comes along with the hand, by -x; what goes wrong is said beforehand."""
+
+    def __init__(self, state, short=0.0, sd=0.001, stop=np.inf):
+        self.state, self.clock, self.sd, self.stop, self.short = state, 0.0, sd, stop, short
+        self.held, self.seen, self.hidden, self.lost = False, True, False, 0
+        self.slips_at, self.blocked, self.reach, self.way = None, [], 1.0, None
+        self.log, self.updates = [], []
+
+    def capture(self):
+        self.clock += 0.1
+        depth = np.ones((3, 4), np.float32)
+        return RgbdFrame(self.clock, np.zeros((3, 4, 3), np.uint8), depth, CAMERA, gtsam.Pose3())
+
+    def T_world_gripper(self):
+        return gtsam.Pose3(GRASP.rotation(), GRASP.translation() - [self.state, 0.0, 0.0])
+
+    def holding(self):
+        return self.held
+
+    def see(self, frame):
+        self.log.append("see")
+
+    def step_aside(self, frame, tick_s, unseen=False):
+        self.held = False
+        self.hidden = False
+        self.log.append("aside")
+        yield
+
+    def reachable(self, T, onward=()):
+        return self.reach
+
+    def can_follow(self, poses):
+        return len(poses) if self.way is None else self.way
+
+    def grasp(self, T, tick_s, feel_m=0.0, onward=()):
+        self.log.append("grasp")
+        if self.blocked:
+            raise self.blocked.pop(0)
+        self.held = True
+        yield
+
+    def relax(self, tick_s):
+        self.log.append("relax")
+        yield
+
+    def pull(self, direction, distance_m, tick_s):
+        self.log.append("pull")
+        self.state += -direction[0] * distance_m
+        yield
+
+    def follow(self, path, tick_s):
+        x = np.array([T.translation()[0] for T in path.T_world_gripper])
+        # Where it comes to rest: short of where it was sent, as friction holds it back.
+        goes = (x[0] - x[-1]) - np.sign(x[0] - x[-1]) * self.short
+        self.log.append(("follow", round(float(goes), 4)))
+        begin = self.state
+        for share in np.linspace(0.0, 1.0, 12)[1:]:
+            self.state = min(begin + share * goes, self.stop)
+            if self.slips_at is not None and self.state > self.slips_at:
+                self.held, self.slips_at = False, None
+                self.log.append("slip")
+            yield
+            if not self.held:
+                return
+
+
+class Follower:
+    """Tells the true state, as far as it is said to."""
+
+    def __init__(self, world):
+        self.world = world
+
+    def update(self, frame, hand=None, commanded=None):
+        world = self.world
+        world.updates.append(hand)
+        if world.lost > 0:
+            world.lost -= 1
+            return StateBelief(frame.stamp_s, "lost", None, None, None, 0.0, False, None,
+                               reason="the part is not seen at any state")  # fmt: skip
+        seen = world.seen and not world.hidden
+        sd = world.sd if seen else 0.02
+        return StateBelief(frame.stamp_s, "tracking", world.state, sd, 0.0, 1.0, seen, 0.1)
+
+
+class Quiet:
+    def looked(self, look):
+        pass
+
+    def decided(self, decision):
+        pass
+
+
+@pytest.fixture
+def moved(paper_part):
+    def _moved(world, target, config=CONFIG, fresh=None, follower=Follower, **of_part):
+        part = paper_part("prismatic", **of_part)
+        run, goal = Manipulation(), Goal(target, config.tolerance_m)
+        followed = follower(world)
+        Manipulator(world, world, followed, part, goal, run, Quiet(), config, fresh).run()
+        return run
+
+    return _moved
+
+
+def actions(run):
+    return [decision.action for decision in run.decisions]
+
+
+def test_it_looks_holds_moves_and_ends_with_a_probability(moved):
+    world = World(0.12)
+    run = moved(world, 0.32)
+    assert actions(run) == ["look", "grasp", "move", "end"]
+    assert run.failure is None
+    assert world.state == pytest.approx(0.32)
+    assert run.probability > 0.95
+    assert run.rounds == 1
+
+
+def test_a_part_that_is_there_is_not_touched(moved):
+    world = World(0.32)
+    run = moved(world, 0.32)
+    assert actions(run) == ["look", "end"]
+    assert "grasp" not in world.log
+
+
+def test_what_friction_leaves_short_is_made_up_for(moved):
+    world = World(0.12, short=0.008)
+    run = moved(world, 0.32)
+    assert run.failure is None
+    assert run.rounds == 2
+    # The second move is sent as much farther as the first fell short.
+    assert world.log[-1] == ("follow", pytest.approx(0.008, abs=1e-3))
+
+
+def test_a_vague_axis_makes_short_moves(moved):
+    world = World(0.02)
+    run = moved(world, 0.38, axis_sd=0.03)
+    bounds = [d.foreseen["across_m"] for d in run.decisions if d.action == "move"]
+    assert run.failure is None
+    assert run.rounds >= 2
+    assert max(bounds) <= CONFIG.move.across_m
+    blind = moved(World(0.02), 0.38, replace(CONFIG, planner="blind"), axis_sd=0.03)
+    assert [d.foreseen for d in blind.decisions if d.action == "move"] == [{}] * blind.rounds
+    assert blind.rounds == 4  # steps of 10 cm
+
+
+def test_a_joint_that_nobody_knows_is_left_to_lead(moved):
+    world = World(0.02)
+    run = moved(world, 0.38, fresh=lambda frame, p, normal: [GRASP], axis_sd=1.0)
+    assert "pull" in actions(run)
+    assert "pull" in world.log
+
+
+def test_a_lost_grip_is_taken_anew(moved):
+    world = World(0.05)
+    world.slips_at = 0.15
+    run = moved(world, 0.3)
+    assert run.failure is None
+    assert run.regrasps == 1
+    assert world.log.count("grasp") == 2
+    assert actions(run).count("look") == 2  # where it is now is not taken for known
+
+
+def test_a_stop_met_early_ends_the_run_and_is_kept(moved):
+    world = World(0.05, stop=0.2)
+    run = moved(world, 0.35)
+    assert "does not go on from 20.0 cm" in run.failure
+    assert run.probability < 0.05
+    assert run.stop.opening
+    assert run.stop.state == pytest.approx(0.2)
+    assert "relax" in world.log
+
+
+def test_an_arm_at_its_end_takes_another_grasp(moved):
+    world = World(0.05)
+    calls = []
+
+    def can_follow(poses):
+        calls.append(len(poses))
+        return 0 if len(calls) == 1 else len(poses)
+
+    world.can_follow = can_follow
+    run = moved(world, 0.3)
+    assert run.failure is None
+    assert run.regrasps == 1
+    assert actions(run).count("grasp") == 2
+
+
+def test_part_of_the_way_is_gone_where_the_arm_reaches_no_farther(moved):
+    world = World(0.0)
+    world.way = 6  # of 12
+    run = moved(world, 0.2)
+    first = next(d for d in run.decisions if d.action == "move")
+    assert first.commanded == pytest.approx(0.1)
+    assert "no farther" in first.why
+
+
+def test_a_part_that_is_not_found_is_not_moved(moved):
+    world = World(0.1)
+    world.lost = 1000
+    run = moved(world, 0.3)
+    assert "not found: the part is not seen at any state" in run.failure
+    assert run.probability == 0.0
+    assert "grasp" not in world.log
+
+
+def test_a_part_lost_on_the_way_is_looked_for_before_anything_moves(moved):
+    world = World(0.1)
+
+    class Blocked(Follower):
+        def update(self, frame, hand=None, commanded=None):
+            if ("follow", 0.2) in world.log and "blocked" not in world.log:
+                world.log.append("blocked")
+                world.lost = 30
+            if world.log[-1] == "aside":
+                world.lost = 0
+            return super().update(frame, hand, commanded)
+
+    run = moved(world, 0.3, follower=Blocked)
+    assert run.failure is None
+    assert actions(run).count("look") == 2
+
+
+def test_a_state_too_unsure_to_end_asks_for_a_clear_look(moved):
+    world = World(0.1)
+    follow = world.follow
+
+    def hiding(path, tick_s):
+        yield from follow(path, tick_s)
+        world.hidden = True  # the hand stands before it; stepping aside shows it
+
+    world.follow = hiding
+    run = moved(world, 0.3)
+    assert run.failure is None
+    assert actions(run)[-2:] == ["look", "end"]
+
+
+def test_holds_that_fail_are_counted_and_end(moved):
+    world = World(0.1)
+    world.blocked = [GraspFailed("the fingers met with nothing between them")]
+    run = moved(world, 0.3)
+    assert run.failure is None
+    assert world.log.count("grasp") == 2
+    world = World(0.1)
+    world.blocked = [GraspFailed("met with nothing")] * 9
+    run = moved(world, 0.3)
+    assert run.failure.startswith("met with nothing")
+    assert world.log.count("grasp") == CONFIG.hold.most_failures
+    world = World(0.1)
+    world.blocked = [MotionInfeasible("no free way")] * 9
+    assert moved(world, 0.3).failure.startswith("no free way")
+
+
+def test_rounds_end_with_the_probability_it_has(moved):
+    world = World(0.1, sd=0.001)
+    world.follow = lambda path, tick_s: iter([None])  # nothing moves, the hand neither
+    run = moved(world, 0.3)
+    assert run.rounds <= CONFIG.max_rounds
+    assert "probability 0.00" in run.failure
