@@ -17,7 +17,12 @@ from numpy.typing import NDArray
 from scipy.optimize import brentq
 
 from akm_fg.errors import TracksLost
-from akm_fg.exploration.analogy.contacts import ContactMemory
+from akm_fg.exploration.analogy.contacts import (
+    ContactMemory,
+    Opened,
+    RememberedContact,
+    remembered,
+)
 from akm_fg.exploration.analogy.transfer import transfer
 from akm_fg.exploration.config import ExploreConfig
 from akm_fg.exploration.records import Contact
@@ -74,6 +79,19 @@ class Perceiver:
             return ()
         found = self._sampler.sample(frame, mask, contact.p_world, contact.normal_world)
         return [candidate.T_world_grasp for candidate in found]
+
+    def as_remembered(
+        self, frame: RgbdFrame, opened: Opened
+    ) -> tuple[RememberedContact, ContactMemory] | None:
+        """A contact that opened, as it is kept, and the memory that was asked beside it.
+
+        None without a memory, and where the object is not seen.
+        """
+        mask, analogy = self._mask(frame), self._analogy
+        if mask is None or analogy is None:
+            return None
+        features = analogy.features.describe(frame.rgb, mask)
+        return remembered(frame, mask, features, opened), analogy.memory
 
     def _mask(self, frame: RgbdFrame) -> BoolArray | None:
         """The object in a frame; the same frame is asked about again for every contact."""

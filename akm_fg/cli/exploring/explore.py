@@ -61,6 +61,11 @@ class ExploreArguments:
     """Without contact analogy: all places to take hold are alike at first."""
     zero_shot: bool = False
     """Nothing is remembered of the object's own family."""
+    remember: bool = False
+    """Add the contact that opens to the memory, for the objects to come."""
+    memory: Path | None = None
+    """Folder of remembered contacts to ask, and with --remember to add to; without, what comes with
+    the package is asked, and --remember keeps its own in the user's data folder."""
     rig_errors: bool = False
     """Camera and arm err as a calibrated rig does; the seed draws by how much."""
     locked: bool = False
@@ -133,6 +138,9 @@ def explore_request(
 
     config = demo_config(arguments, config or exploring_default())
     config = replace(config, explore=_chosen(arguments, config.explore))
+    memory = _memory_folder(arguments)
+    if memory is not None and (memory.exists() or not arguments.remember):  # else it begins
+        config = replace(config, explore=replace(config.explore, memory=str(memory)))
     stages, command = stages_of(config), command or command_of(arguments)
     thing = parse_object(arguments.object, arguments.joint, arguments.scale)
     thing.spec(arguments.seed)  # refuses a broken one before anything is written
@@ -144,7 +152,7 @@ def explore_request(
         write_tree(folder / CONFIG, config, f"All settings of {command}")
     return ExploreRequest(
         thing, arguments.object, arguments.seed, arguments.locked, folder, config, stages,
-        command,
+        command, memory if arguments.remember else None,
     )  # fmt: skip
 
 
@@ -168,18 +176,28 @@ def exploring_default() -> DemoConfig:
     )
 
 
+def _memory_folder(arguments: ExploreArguments) -> Path | None:
+    """The memory that was named, or that grows; None: the package's own."""
+    if arguments.memory is not None or not arguments.remember:
+        return arguments.memory
+    import platformdirs
+
+    return platformdirs.user_data_path("akm-fg", appauthor=False) / "contacts"
+
+
 def command_of(arguments: ExploreArguments) -> str:
     """The command line that repeats a run."""
     thing = parse_object(arguments.object, arguments.joint, arguments.scale)
     words = [f"akm-fg explore {thing.words} --seed {arguments.seed}"]
-    for flag in ("config", "tracker", "segmenter"):
+    for flag in ("config", "tracker", "segmenter", "memory"):
         given = getattr(arguments, flag)
         words += [] if given is None else [f"--{flag} {given}"]
     usual = ExploreArguments()
     for flag in ("stop", "belief", "max_attempts"):
         given = getattr(arguments, flag)
         words += [] if given == getattr(usual, flag) else [f"--{flag.replace('_', '-')} {given}"]
-    for flag in ("without_at", "without_fs", "without_ca", "zero_shot", "rig_errors", "locked"):
+    for flag in ("without_at", "without_fs", "without_ca", "zero_shot", "rig_errors", "locked",
+                 "remember"):  # fmt: skip
         words += [f"--{flag.replace('_', '-')}"] if getattr(arguments, flag) else []
     return " ".join(words)
 

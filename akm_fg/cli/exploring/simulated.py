@@ -18,6 +18,7 @@ from akm_fg.errors import InputError
 from akm_fg.exploration.explore import Explorer, explore
 from akm_fg.exploration.explore_json import exploration_as_dict, exploration_from_dict
 from akm_fg.exploration.records import INTERRUPTED, Exploration
+from akm_fg.exploration.remembering import remember
 from akm_fg.io.png import replace_file
 from akm_fg.records import JointTruth
 from akm_fg.stages import Stages
@@ -40,6 +41,7 @@ class ExploreRequest:
     config: DemoConfig
     stages: Stages
     command: str
+    remember: Path | None = None  # folder whose memory of contacts grows by what is opened
 
 
 @dataclass(frozen=True, slots=True)
@@ -149,6 +151,11 @@ def explore_in_simulator(
         explored.measured = Measured(
             reporter.largest_state, reporter.pressed_n, limit_shares(motion)
         )
+        if request.remember is not None:
+            name, family = request.name, family or ""
+            count = remember(request.remember, exploration, perceived, name, family)
+            if count is not None:
+                reporter.stage(f"{count} contacts are remembered in {request.remember}")
         if then is not None:
             explored.model = write_part_model(request.folder, exploration, config)
             then(world, explored)
