@@ -22,6 +22,7 @@ from akm_fg.arm.motion.reaching import (
     followed,
     grasp_options,
     line_motion,
+    looked_along,
     standoff,
 )
 from akm_fg.arm.motion.reference import pose_reference, within_joint_limits
@@ -55,6 +56,7 @@ class SimFranka:
         self._q_rest = Q_HOME.copy()
         self._wrench = np.zeros(6)  # that the last compliant motion asked for, world axes
         self._silhouette: ArmSilhouette | None = None  # its meshes are read when it is asked for
+        self._eye_world: FloatArray | None = None  # of the camera that took what was seen
         self._scene = KnownScene(world.placement.floor_m, self.config.around, world.arm_description)
 
     def see(self, frame: RgbdFrame) -> None:
@@ -64,6 +66,7 @@ class SimFranka:
         arm knows the floor and its own pedestal.
         """
         self._scene.see(frame, self.measured_joints()[0])
+        self._eye_world = frame.T_world_cam.translation()
 
     def know(self, obstacles: Sequence[Obstacle]) -> None:
         """Keep clear, from now on, of things whose shape and place are known beforehand."""
@@ -134,7 +137,8 @@ class SimFranka:
         """Let go, move to the pre-grasp, approach along the gripper's z, close the fingers.
 
         With `feel_m`, the grasp's depth is only known to so much: the hand goes on by as far until
-        something stops it, which may be as far before the grasp, and closes a little behind. Of the
+        something stops it, which may be as far before the grasp, and closes a little behind. It
+        goes as the camera looked, along which depth errs, as far as `aslant_rad` allows. Of the
         ways to get there the one is taken from which the hand gets farthest along `onward`.
 
         Raises:
@@ -278,21 +282,24 @@ class SimFranka:
         speed_m_s = min(
             c.unseen_m_s if choice.unseen else c.approach_m_s, self._kept_up_m_s(T, choice)
         )
-        slow_m = max(c.guarded_m, feel_m)
-        yield from self._straight(T, choice.standoff_m, slow_m, speed_m_s, c.blocked_m)
         if feel_m > 0.0:
-            yield from self._feel(T, slow_m, feel_m)
+            slow_m, way = max(c.guarded_m, feel_m), looked_along(T, self._eye_world, c.aslant_rad)
+            begin = T.translation() - slow_m * way
+            yield from self._line(T, standoff(T, choice.standoff_m).translation(), begin, speed_m_s)
+            yield from self._feel(T, slow_m, feel_m, way)
             return
+        yield from self._straight(T, choice.standoff_m, c.guarded_m, speed_m_s, c.blocked_m)
         yield from self._straight(T, c.guarded_m, 0.0, c.guarded_m_s, c.blocked_m)
         yield from self._stay(T.matrix(), c.settle_s)
 
     def _feel(
-        self, T_world_grasp: gtsam.Pose3, before_m: float, beyond_m: float
+        self, T_world_grasp: gtsam.Pose3, before_m: float, beyond_m: float, way: FloatArray
     ) -> Iterator[FloatArray]:
-        """On along the gripper's z until something stops the hand, and a little back."""
-        c = self.config
+        """On along a way (3,) until something stops the hand, and a little back."""
+        c, p = self.config, T_world_grasp.translation()
         try:
-            yield from self._straight(T_world_grasp, before_m, -beyond_m, c.feel_m_s, c.blocked_m)
+            start, end = p - before_m * way, p + beyond_m * way
+            yield from self._line(T_world_grasp, start, end, c.feel_m_s)
         except GraspFailed:  # what it was looking for
             pass
         here = self.T_world_gripper()
@@ -331,11 +338,27 @@ class SimFranka:
         Raises:
             GraspFailed: the hand stays behind by more than `blocked_m`: something is in the way.
         """
-        sign = 1.0 if from_m > to_m else -1.0
-        forward = sign * T_world_goal.rotation().matrix()[:, 2]
-        wanted = standoff(T_world_goal, from_m).matrix()
-        start, last = wanted[:3, 3].copy(), 0.0
-        for s in line_motion(abs(from_m - to_m), self._drive.step_s, speed_m_s):
+        start, end = (standoff(T_world_goal, m).translation() for m in (from_m, to_m))
+        yield from self._line(T_world_goal, start, end, speed_m_s, blocked_m)
+
+    def _line(
+        self,
+        T_world_goal: gtsam.Pose3,
+        start: FloatArray,
+        end: FloatArray,
+        speed_m_s: float,
+        blocked_m: float | None = None,
+    ) -> Iterator[FloatArray]:
+        """From a point (3,) to another, turned as the goal is.
+
+        Raises:
+            GraspFailed: the hand stays behind by more than `blocked_m`: something is in the way.
+        """
+        blocked_m = self.config.blocked_m if blocked_m is None else blocked_m
+        length_m = float(np.linalg.norm(end - start))
+        forward = (end - start) / max(length_m, 1e-9)
+        wanted, last = T_world_goal.matrix(), 0.0
+        for s in line_motion(length_m, self._drive.step_s, speed_m_s):
             wanted[:3, 3] = start + s * forward
             velocity = (s - last) / self._drive.step_s * forward
             last = s

@@ -43,6 +43,8 @@ class FrankaConfig:
     guarded_m: float = 0.015  # the last stretch of it, where something may be touched early
     guarded_m_s: float = 0.012  # there: an impact stays within the joints' accelerations
     feel_m_s: float = 0.007  # where something may be met anywhere: as `guarded_m_s`, and slower
+    # Between the gripper's z and the way it feels: towards the look of the camera, by so much.
+    aslant_rad: float = 0.0
     felt_back_m: float = 0.004  # from it, before the fingers close: they do not drag along it
     arrival_m: float = 0.008  # farther than this from the grasp pose: something was in the way
     close_max_s: float = 4.5  # 40 mm at 15 mm/s, and time to squeeze

@@ -62,6 +62,26 @@ def standoff(T_world_grasp: gtsam.Pose3, back_m: float) -> gtsam.Pose3:
     return T_world_grasp * gtsam.Pose3(gtsam.Rot3(), np.array([0.0, 0.0, -back_m]))
 
 
+def looked_along(
+    T_world_grasp: gtsam.Pose3, eye_world: FloatArray | None, most_rad: float
+) -> FloatArray:
+    """(3,) unit: how a camera at `eye_world` (3,) looks at a grasp, within an angle of its z.
+
+    Depth errs along the look: who goes on this way meets what was seen wherever it is, with the
+    fingers on either side of it. Without an eye it is the gripper's z.
+    """
+    z = T_world_grasp.rotation().matrix()[:, 2]
+    if eye_world is None:
+        return np.asarray(z)
+    look = T_world_grasp.translation() - eye_world
+    along = float(look @ z)
+    across = look - along * z
+    wide = float(np.linalg.norm(across))
+    if np.arctan2(wide, along) > most_rad:
+        look = z + np.tan(most_rad) * across / wide
+    return np.asarray(look / np.linalg.norm(look))
+
+
 def choose_grasp_configuration(
     kinematics: FrankaKinematics, T_world_grasp: gtsam.Pose3, config: ReachConfig | None = None
 ) -> GraspConfiguration | None:

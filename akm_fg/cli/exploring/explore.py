@@ -15,6 +15,11 @@ from akm_fg.cli.output import json_output, write_line
 from akm_fg.errors import InputError
 
 TURNS_RAD = 0.8  # of a hand on what it holds, beyond which it does not hold it
+ASLANT_RAD = 0.8  # of the hand that feels for a handle: depth errs along the camera's look
+CLOSE_M_S = (
+    0.007  # of a finger: felt for, a handle is off the middle, and is met by one finger first
+)
+CLOSE_MAX_S = 7.5  # 40 mm at that speed, and time to squeeze
 KEPT_FRAMES = 24  # of a pull: with more a stretch takes longer to solve, and tells no more
 
 if TYPE_CHECKING:
@@ -23,6 +28,7 @@ if TYPE_CHECKING:
     from akm_fg.cli.demo_config import DemoConfig
     from akm_fg.cli.exploring.simulated import Explored, ExploreRequest
     from akm_fg.exploration.config import ExploreConfig
+    from sim.robot.franka_config import FrankaConfig
 
     Positional = tyro.conf.Positional
 
@@ -160,7 +166,7 @@ def exploring_default() -> DemoConfig:
     """The settings that an exploration begins with, before any file: fingers may turn, few frames.
 
     A compliant pull leaves the hand's orientation free: on a bar or knob it turns by 20 to 30 deg.
-    A recording is solved once, a pull after each stretch.
+    A recording is solved once, a pull after each stretch. What is felt for is off: see above.
     """
     from akm_fg.cli.demo_config import DemoConfig
 
@@ -173,7 +179,14 @@ def exploring_default() -> DemoConfig:
         config,
         perception=replace(config.perception, rig=turning, observe=observe),
         fit=replace(config.fit, max_frames=KEPT_FRAMES),
+        sim=replace(config.sim, franka=_feeling(config.sim.franka)),
     )
+
+
+def _feeling(franka: FrankaConfig) -> FrankaConfig:
+    """The arm as it reaches for what is only known to a camera's depth."""
+    gripper = replace(franka.gripper, close_m_s=CLOSE_M_S)
+    return replace(franka, gripper=gripper, close_max_s=CLOSE_MAX_S, aslant_rad=ASLANT_RAD)
 
 
 def _memory_folder(arguments: ExploreArguments) -> Path | None:

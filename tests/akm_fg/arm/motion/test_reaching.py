@@ -19,6 +19,7 @@ from akm_fg.arm.motion.reaching import (
     choose_grasp_configuration,
     grasp_options,
     line_motion,
+    looked_along,
     standoff,
 )
 from akm_fg.arm.motion.surroundings import AroundConfig, SeenAround, Surroundings, surroundings
@@ -176,3 +177,18 @@ def test_the_hands_own_inertia_does_not_look_like_a_block_on_the_approach():
     assert 4.0 * np.abs(acceleration).max() / ImpedanceConfig().stiffness_n_m < 0.003
     # It begins and ends at rest, without a step of acceleration.
     assert np.abs(acceleration[[0, -1]]).max() < 0.01
+
+
+def test_the_way_of_feeling_is_the_cameras_look_no_farther_aslant_than_fingers_may_go():
+    T_world_grasp = gtsam.Pose3(gtsam.Rot3.Ry(np.pi / 2), np.array([0.6, 0.0, 0.5]))  # z is x
+    beside = np.array([0.6 - np.cos(0.3), -np.sin(0.3), 0.5])
+    np.testing.assert_allclose(
+        looked_along(T_world_grasp, beside, 0.6), [np.cos(0.3), np.sin(0.3), 0.0], atol=1e-12
+    )
+    np.testing.assert_allclose(
+        looked_along(T_world_grasp, beside, 0.1), [np.cos(0.1), np.sin(0.1), 0.0], atol=1e-12
+    )
+    for eye, most_rad in ((None, 0.6), (beside, 0.0)):
+        np.testing.assert_allclose(
+            looked_along(T_world_grasp, eye, most_rad), [1.0, 0.0, 0.0], atol=1e-12
+        )
