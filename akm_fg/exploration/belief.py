@@ -7,7 +7,7 @@ or not, which is another matter. A pull by way d opens iff w_f = d, s_c and g_c.
     rigid while held:  p = 1 - s_c (1 - e) where w_f = d, else 1    (e: it moves too little to see,
                        or a catch is stronger than the pull)
     grasp empty:       says nothing of w_f and s_c; g_c ~ Beta gets a failure
-    slipped off:       the same, and what gives at once hardly ever slips: half a rigid pull
+    slipped off:       the same, and what gives at once slips less: a quarter of a rigid pull
     refused:           says nothing of either; the contact is left alone
 
 Given w_f the contacts' s_c are independent, so the posterior of w_f is exact:
@@ -46,8 +46,8 @@ class BeliefConfig:
     outward: float = 0.88
     sideways: float = 0.04  # either side
     upward: float = 0.04
-    on_its_front: float = 0.95  # a contact is on the front that it was given to, and has a lever
-    slipped: float = 0.5  # of a rigid pull: 40 N slip off what is locked, 5 N open what is free
+    on_its_front: float = 0.98  # a contact is on the front that it was given to, and has a lever
+    slipped: float = 0.25  # of a rigid pull: a bad grasp slips off what is free, too
     missed: float = 0.01  # a rigid pull on what is free that way: a catch, a jam
     holds: tuple[float, float] = (4.0, 1.0)  # Beta of a grasp: successes and failures beforehand
     nothing_left: float = 0.05  # probability that anything opens below which the search ends
@@ -197,7 +197,7 @@ class BayesBelief:
             sum(self.probability(Hypothesis(c, way, self._ways[c][way])) for way in WAYS)
             for c in range(len(self._contacts))
         ]
-        return BeliefSnapshot(np.array(by_contact), self.anything())
+        return BeliefSnapshot(np.array(by_contact), self.anything(), self.free())
 
     def anything(self) -> float:
         """Probability that any front opens by a pull that can still be tried."""
@@ -210,6 +210,11 @@ class BayesBelief:
             )
             closed *= 1.0 - min(left, 1.0)
         return 1.0 - closed
+
+    def free(self) -> float:
+        """Probability that any front opens, whether the arm can hold it or not."""
+        opens = [sum(self.front_opens(front).values()) for front in self._of_front]
+        return 1.0 - float(np.prod([1.0 - min(each, 1.0) for each in opens]))
 
     def front_opens(self, front: int) -> dict[Way, float]:
         """Probability of each way by which a front may open; what is missing to one: by none."""

@@ -22,6 +22,7 @@ from akm_fg.interfaces import Arm, Camera
 from akm_fg.records import CalibrationErrors, RgbdFrame
 
 ALIKE_RAD = 0.3  # between two grasps that fail for the same reason
+EVEN = 0.5  # probability that something opens, from which on nobody says that nothing does
 TICK_S = 1.0  # nobody looks while the arm steps aside
 
 
@@ -230,5 +231,11 @@ def _conclude(exploration: Exploration, belief: Belief, config: ExploreConfig) -
         exploration.stop = "attempts"
         exploration.failure = f"nothing was opened in {config.max_attempts} attempts ({tried})"
         return
-    left = belief.snapshot().anything
-    exploration.failure = f"nothing here opens (probability {1.0 - left:.2f}; {tried})"
+    free = belief.snapshot().free
+    if free < EVEN:
+        exploration.failure = f"nothing here opens (probability {1.0 - free:.2f}; {tried})"
+        return
+    exploration.failure = (
+        "nothing was opened: what may open was not to be held "
+        f"(something here opens with probability {free:.2f}; {tried})"
+    )

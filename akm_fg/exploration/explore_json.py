@@ -37,7 +37,11 @@ def exploration_as_dict(exploration: Exploration) -> dict[str, Any]:
         "time_s": exploration.time_s,
         "contacts": [_contact(contact) for contact in exploration.contacts],
         "beliefs": [
-            {"by_contact": belief.by_contact.tolist(), "anything": belief.anything}
+            {
+                "by_contact": belief.by_contact.tolist(),
+                "anything": belief.anything,
+                "free": belief.free,
+            }
             for belief in exploration.beliefs
         ],
     }
@@ -60,7 +64,11 @@ def exploration_from_dict(data: dict[str, Any], place: str) -> Exploration:
         return Exploration(
             contacts=contacts,
             beliefs=[
-                BeliefSnapshot(np.array(row["by_contact"], dtype=float), float(row["anything"]))
+                BeliefSnapshot(
+                    np.array(row["by_contact"], dtype=float),
+                    float(row["anything"]),
+                    float(row["free"]),
+                )
                 for row in data["beliefs"]
             ],
             attempts=[_attempt_from(row, contacts) for row in data["attempts"]],

@@ -88,7 +88,8 @@ class BeliefSnapshot:
     """Probability that a pull at each contact opens, before an attempt."""
 
     by_contact: FloatArray  # (C,) over the ways
-    anything: float  # that anything here opens
+    anything: float  # that anything here opens by a pull that can still be tried
+    free: float  # that anything here opens, whether the arm can hold it or not
 
 
 @dataclass(slots=True)

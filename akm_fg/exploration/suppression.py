@@ -75,4 +75,5 @@ class SuppressedMap:
     def snapshot(self) -> BeliefSnapshot:
         """As it is now."""
         score = np.clip(self._score, 0.0, 1.0)
-        return BeliefSnapshot(score, float(score.max(initial=0.0)))
+        most = float(score.max(initial=0.0))
+        return BeliefSnapshot(score, most, most)

@@ -248,6 +248,14 @@ def test_a_part_that_stops_short_is_not_called_opened():
     assert "come to its stop" in exploration.attempts[0].reason
 
 
+def test_where_nothing_could_be_held_it_does_not_say_that_nothing_opens():
+    """A front that moves, whose every place is out of reach."""
+    exploration = explored(PaperCabinet(free=(0, 1), away=(0, 1)), fronts=2)
+    assert exploration.pulls == 0
+    assert exploration.failure.startswith("nothing was opened: what may open was not to be held")
+    assert "opens with probability 0.75" in exploration.failure  # 1 - 0.5^2, as before
+
+
 def test_attempts_end_at_their_number():
     exploration = explored(PaperCabinet(), fronts=9, max_attempts=4)
     assert exploration.pulls == 4
