@@ -1,11 +1,20 @@
 """`akm-fg explore`: what it refuses at once, and one exploration from end to end."""
 
 import json
+import shutil
+from dataclasses import replace
 
 import pytest
 
-from akm_fg.cli.exploring.explore import ExploreArguments, command_of
+from akm_fg.cli.demo_config import DemoConfig
+from akm_fg.cli.exploring.explore import (
+    ExploreArguments,
+    command_of,
+    explore_request,
+    exploring_default,
+)
 from akm_fg.cli.main import main
+from akm_fg.exploration.analogy.shipped import SHIPPED
 
 pytest.importorskip("pybullet")
 OBJECT = "furniture-dev/drawer-001"
@@ -78,3 +87,24 @@ def test_where_everything_is_locked_nothing_is_called_opened(tmp_path, capsys):
     told = json.loads(out.read_text())
     assert code == 1 and not told["opened"] and told["model"] is None
     assert "nothing" in told["failure"]
+
+
+def test_an_exploration_feels_for_handles_along_the_look_and_keeps_no_more_frames_than_it_fits():
+    config, demo = exploring_default(), DemoConfig()
+    assert config.sim.franka.aslant_rad > 0.0 == demo.sim.franka.aslant_rad
+    assert config.sim.franka.gripper.close_m_s < demo.sim.franka.gripper.close_m_s
+    assert config.perception.observe.kept.most == config.fit.max_frames < demo.fit.max_frames
+
+
+def test_what_opens_is_remembered_where_it_is_asked_for_and_else_nowhere(tmp_path, monkeypatch):
+    monkeypatch.setenv("XDG_DATA_HOME", str(tmp_path / "home"))
+    base = ExploreArguments(object=OBJECT, out=tmp_path)
+    request = explore_request(base)
+    assert request.remember is None and request.config.explore.memory == ""
+    request = explore_request(replace(base, remember=True))
+    assert request.remember == tmp_path / "home" / "akm-fg" / "contacts"
+    assert request.config.explore.memory == ""  # it begins with what comes with the package
+    shutil.copytree(SHIPPED, tmp_path / "mine")
+    request = explore_request(replace(base, remember=True, memory=tmp_path / "mine"))
+    assert request.config.explore.memory == str(request.remember) == str(tmp_path / "mine")
+    assert "--memory" in request.command and "--remember" in request.command
