@@ -5,6 +5,7 @@
 #   make check   ruff, mypy and the tests
 #   make slow    the statistical and long tests
 #   make bench   timings
+#   make test-hardware   arm and camera against what stands in for them (docs/hardware.md)
 #   make peer    the environment of the peer that experiments compare with (.venv-peer)
 #   make experiments   every comparison of docs/experiments.md; hours, goes on where it was cut
 #   make lock    renew requirements.lock from setup.cfg
@@ -17,7 +18,7 @@ PIP := $(BIN)/python -m pip --disable-pip-version-check --quiet
 # Byte code is made at first import: compiling all of it takes longer than the tests need.
 INSTALL := $(PIP) install --no-compile
 
-.PHONY: demo test lint check slow bench peer experiments lock clean
+.PHONY: demo test lint check slow bench test-hardware peer experiments lock clean
 
 demo: $(READY)
 	$(BIN)/akm-fg demo
@@ -37,6 +38,10 @@ slow: $(READY)
 
 bench: $(READY)
 	$(BIN)/python -m pytest -m "slow or not slow" --benchmark-only --benchmark-disable-gc
+
+test-hardware: $(READY)
+	$(INSTALL) --no-build-isolation --editable ".[hardware-test]"
+	$(BIN)/python -m pytest tests/akm_fg/hardware -m "hardware or not slow" --durations=10
 
 $(READY): requirements.lock requirements-torch.lock setup.cfg pyproject.toml
 	@echo "setting up $(VENV) (once, about two minutes)"

@@ -55,3 +55,15 @@ class GraspFailed(AkmError):
 
 class MotionInfeasible(AkmError):
     """The arm cannot follow the wanted path."""
+
+
+class ArmStopped(AkmError):
+    """The real arm stands still, or cannot be commanded: a person looks before it goes on."""
+
+
+class CameraFailed(AkmError):
+    """The real camera gives no pictures, or not those that it should."""
+
+
+class DryRunEnded(AkmError):
+    """A dry run has said what would move first; all else depends on what would be seen then."""

@@ -1,0 +1,1 @@
+"""A Franka arm over its own control interface (`franky-control`, which wraps libfranka)."""

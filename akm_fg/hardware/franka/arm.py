@@ -1,0 +1,291 @@
+"""A real Franka behind `akm_fg.interfaces.Arm`. Motions execute while iterated.
+
+What plans is `akm_fg.arm`; what moves is the robot's own motion generator in free space, and a
+spring whose end goes as the laws of `akm_fg.arm` say wherever something may be touched. Whatever
+ends a motion early, the caller's own error too, leaves the arm at rest.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from types import TracebackType
+
+import gtsam
+import numpy as np
+
+from akm_fg.arm.body.kinematics import FrankaKinematics
+from akm_fg.arm.motion.pulling import Pull
+from akm_fg.arm.motion.reaching import standoff
+from akm_fg.arm.motion.reference import pose_reference
+from akm_fg.arm.motion.tracking import PathTracker
+from akm_fg.errors import ArmStopped, GraspFailed
+from akm_fg.hardware.franka.compliance import Law, SpringOfWrench
+from akm_fg.hardware.franka.config import ReflexConfig, SpringConfig
+from akm_fg.hardware.franka.control import HandControl
+from akm_fg.hardware.franka.legs import leg_limits
+from akm_fg.hardware.franka.link import FrankaLink, pose
+from akm_fg.hardware.franka.planning import ArmPlanner, PlannedGrasp
+from akm_fg.hardware.franka.straight import StraightLine, off_by
+from akm_fg.records import FloatArray, RgbdFrame, TimedPath
+
+
+class FrankaArm:
+    """A context manager: connects, and leaves the arm at rest. World is the robot's base."""
+
+    def __init__(self, host: str, planner: ArmPlanner) -> None:
+        """Connects to nothing yet.
+
+        Args:
+            host: address of the robot's control interface.
+            planner: what is known of the place, with the arm's settings.
+
+        Raises:
+            MissingDependency: `franky-control` is not installed.
+        """
+        self.config, self._planner = planner.config, planner
+        self._link = FrankaLink(host, self.config)
+        self._closed = False
+
+    def __enter__(self) -> FrankaArm:
+        """Connects, and compares the robot with its description.
+
+        Raises:
+            ArmStopped: no robot, or not the one that is described.
+        """
+        self._link.__enter__()
+        try:
+            self._planner.q_limits = self._link.joint_limits()
+            T_ee_gripper = self._checked_hand()
+            kinematics = FrankaKinematics(description=self._planner.description)
+            self._control = HandControl(self._link, kinematics, T_ee_gripper, self.config)
+        except BaseException:
+            self._link.__exit__(None, None, None)
+            raise
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self._link.__exit__(kind, error, trace)
+
+    @property
+    def link(self) -> FrankaLink:
+        """The connection, for whoever checks it."""
+        return self._link
+
+    def measured_joints(self) -> tuple[FloatArray, FloatArray]:
+        """Joint angles (7,) rad and speeds (7,) rad/s."""
+        state = self._link.state()
+        return state.q, state.dq
+
+    def T_world_gripper(self) -> gtsam.Pose3:
+        """The measured gripper pose (forward kinematics of the measured joints)."""
+        return self._planner.kinematics.T_world_gripper(self.measured_joints()[0])
+
+    def see(self, frame: RgbdFrame) -> None:
+        """Keep clear, from now on, of what this frame shows and of what it cannot show behind it.
+
+        The frame is of this moment, the robot's own pixels carry no depth.
+        """
+        self._planner.scene.see(frame, self.measured_joints()[0])
+
+    def masked(self, frame: RgbdFrame) -> RgbdFrame:
+        """The frame without this arm, which is where it was when the frame was taken."""
+        q = self.measured_joints()[0]
+        return self._planner.silhouette.masked(frame, q, self._link.fingers_m() / 2.0)
+
+    def holding(self) -> bool:
+        """Whether something is between the closed fingers."""
+        return self._closed and self._link.fingers_m() > self.config.grasp.nothing_m
+
+    def grasp(
+        self, T_world_grasp: gtsam.Pose3, tick_s: float, feel_m: float = 0.0
+    ) -> Iterator[None]:
+        """Let go, move to the pre-grasp, approach along the gripper's z, close the fingers.
+
+        With `feel_m`, the grasp's depth is only known to so much: the hand goes on by as far until
+        something stops it, which may be as far before the grasp, and closes a little behind.
+
+        Raises:
+            MotionInfeasible: the pose cannot be reached, or not without touching something.
+            GraspFailed: the arm met something on its way, the approach was blocked, or the fingers
+                met with nothing between them.
+            ArmStopped: the robot has stopped by itself, or the connection is lost.
+        """
+        self._planner.grasp(T_world_grasp, self._where_it_starts())  # refused before it moves
+        yield from self._release(tick_s)
+        planned = self._planner.grasp(T_world_grasp, self.measured_joints()[0])
+        yield from self._along(planned.waypoints, tick_s)
+        yield from self._approach(T_world_grasp, planned, feel_m, tick_s)
+        self._closed = True
+        self._link.close_fingers()
+        c = self.config
+        yield from self._control.hold(c.stiff, c.grasp.patience_s, tick_s)
+        if not self.holding():
+            raise GraspFailed("the fingers met with nothing between them")
+
+    def step_aside(self, frame: RgbdFrame, tick_s: float, unseen: bool = False) -> Iterator[None]:
+        """Let go, and go where the arm hides little from the camera that took the frame.
+
+        With `unseen`, little of what this frame does not show.
+        Stays where it is after letting go if no such place is within reach without touching
+        anything.
+
+        Raises:
+            ArmStopped: as `grasp`.
+        """
+        yield from self._release(tick_s)
+        q = self.measured_joints()[0]
+        way = self._planner.out_of_sight(frame, q, self.T_world_gripper(), unseen)
+        if way is not None:
+            yield from self._along(way, tick_s)
+
+    def pull(self, direction_world: FloatArray, distance_m: float, tick_s: float) -> Iterator[None]:
+        """Pull gently, starting along a unit vector, and follow where the part lets the hand go.
+
+        Ends after `distance_m` of travelled path, or when the part does not give.
+
+        Raises:
+            ArmStopped: as `grasp`.
+        """
+        start = self.T_world_gripper().matrix()
+        law = Pull(direction_world, distance_m, start, self.config.pull)
+        spring = self.config.pulling
+        inner = SpringOfWrench(law, spring, self.config.period_s)
+        yield from self._held(inner, spring, tick_s)
+
+    def follow(self, path: TimedPath, tick_s: float) -> Iterator[None]:
+        """Follow a timed path compliantly, and wait until the arm has come to rest.
+
+        The path takes longer than asked where the joints' limits ask for it.
+
+        Raises:
+            MotionInfeasible: a pose of the path cannot be reached.
+            ArmStopped: as `grasp`.
+        """
+        c = self.config
+        slower = self._planner.path(path, self.measured_joints()[0])
+        start = self.T_world_gripper().matrix()
+        reference = pose_reference(slower, start, c.period_s, c.reference.blend_s)
+        inner = SpringOfWrench(PathTracker(reference, c.track), c.following, c.period_s)
+        yield from self._held(inner, c.following, tick_s)
+
+    def _checked_hand(self) -> gtsam.Pose3:
+        """T_ee_gripper, from the robot's end effector to the point between the fingertips.
+
+        Raises:
+            ArmStopped: they are so far apart that another hand is mounted or set up.
+        """
+        c, state = self.config, self._link.state()
+        T_world_gripper = self._planner.kinematics.T_world_gripper(state.q)
+        T_ee_gripper = pose(state.T_world_ee).inverse() * T_world_gripper
+        off_m, off_rad = off_by(T_ee_gripper.matrix(), gtsam.Pose3())
+        if off_m > c.hand_off_m or off_rad > c.hand_off_rad:
+            raise ArmStopped(
+                f"the robot's end effector is {1e3 * off_m:.0f} mm and {np.rad2deg(off_rad):.0f} "
+                "deg from where the Franka hand's fingertips are: set the Franka hand as end "
+                "effector in Desk"
+            )
+        return T_ee_gripper
+
+    def _where_it_starts(self) -> FloatArray:
+        """Joint angles from which a grasp is planned: those after letting go."""
+        q = self.measured_joints()[0]
+        if not self._closed:
+            return q
+        back = standoff(self.T_world_gripper(), self.config.reach.standoffs_m[0])
+        after = self._planner.kinematics.solve(back, q)
+        return q if after is None else after
+
+    def _along(self, waypoints: FloatArray, tick_s: float) -> Iterator[None]:
+        """Free motion along waypoints (K, 7) rad, from rest to rest at each.
+
+        Raises:
+            GraspFailed: the arm stays behind: it has met something.
+        """
+        self._expect(self.config.free_reflex)
+        q = waypoints[0]
+        for goal in waypoints[1:]:
+            limits = leg_limits(goal - q, self.config.time_law)
+            self._link.go(goal, limits)
+            try:
+                while not self._link.done(tick_s):
+                    state = self._link.state()
+                    if np.abs(state.q_wanted - state.q).max() > self.config.met_rad:
+                        raise GraspFailed("the arm met something on its way")
+                    yield
+            finally:
+                self._link.stop()
+            q = goal
+
+    def _approach(
+        self, T_world_grasp: gtsam.Pose3, planned: PlannedGrasp, feel_m: float, tick_s: float
+    ) -> Iterator[None]:
+        c, T, choice = self.config.approach, T_world_grasp, planned.choice
+        slow_m = max(c.guarded_m, feel_m)
+        speed_m_s = c.unseen_m_s if choice.unseen else c.speed_m_s
+        yield from self._line(T, choice.standoff_m, slow_m, speed_m_s, tick_s)
+        if feel_m > 0.0:
+            yield from self._feel(T, slow_m, feel_m, tick_s)
+        else:
+            yield from self._line(T, c.guarded_m, 0.0, c.guarded_m_s, tick_s)
+        off_m = off_by(self.T_world_gripper().matrix(), T)[0]
+        if off_m > c.arrival_m + feel_m:
+            raise GraspFailed(_blocked(off_m))
+
+    def _feel(
+        self, T_world_grasp: gtsam.Pose3, before_m: float, beyond_m: float, tick_s: float
+    ) -> Iterator[None]:
+        """On along the gripper's z until something stops the hand, and a little back."""
+        c = self.config.approach
+        try:
+            yield from self._line(T_world_grasp, before_m, -beyond_m, c.feel_m_s, tick_s)
+        except GraspFailed:  # what it was looking for
+            pass
+        here = gtsam.Pose3(T_world_grasp.rotation(), self.T_world_gripper().translation())
+        yield from self._line(here, 0.0, c.felt_back_m, c.feel_m_s, tick_s)
+
+    def _line(
+        self,
+        T_world_goal: gtsam.Pose3,
+        from_m: float,
+        to_m: float,
+        speed_m_s: float,
+        tick_s: float,
+    ) -> Iterator[None]:
+        """Along the goal's z, from `from_m` behind it to `to_m` behind it.
+
+        Raises:
+            GraspFailed: something is in the way.
+        """
+        c = self.config
+        line = StraightLine(T_world_goal, from_m, to_m, speed_m_s, c.approach, c.period_s)
+        yield from self._held(line, c.stiff, tick_s)
+        if line.blocked_m is not None:
+            raise GraspFailed(_blocked(line.blocked_m + to_m))
+
+    def _release(self, tick_s: float) -> Iterator[None]:
+        """Open, and where something was held, back out of it."""
+        c, was_closed = self.config, self._closed
+        if not was_closed and self._link.fingers_m() > c.grasp.open_m - c.grasp.nothing_m:
+            return
+        self._link.open_fingers()
+        yield from self._control.hold(c.stiff, c.grasp.patience_s, tick_s)
+        self._closed = False
+        if was_closed:
+            back_m, here = c.reach.standoffs_m[0], self.T_world_gripper()
+            yield from self._line(here, 0.0, back_m, c.approach.speed_m_s, tick_s)
+
+    def _held(self, law: Law, spring: SpringConfig, tick_s: float) -> Iterator[None]:
+        self._expect(self.config.held_reflex)
+        yield from self._control.run(law, spring, tick_s)
+
+    def _expect(self, reflex: ReflexConfig) -> None:
+        self._link.expect(reflex)
+
+
+def _blocked(left_m: float) -> str:
+    return f"the approach was blocked {1e3 * left_m:.0f} mm before the grasp"

@@ -1,0 +1,1 @@
+"""A RealSense camera (`pyrealsense2`)."""
