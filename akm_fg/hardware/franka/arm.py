@@ -7,7 +7,7 @@ ends a motion early, the caller's own error too, leaves the arm at rest.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Generator, Iterator, Sequence
 from types import TracebackType
 
 import gtsam
@@ -18,12 +18,13 @@ from akm_fg.arm.motion.pulling import Pull
 from akm_fg.arm.motion.reaching import standoff
 from akm_fg.arm.motion.reference import pose_reference
 from akm_fg.arm.motion.tracking import PathTracker
-from akm_fg.errors import ArmStopped, GraspFailed
+from akm_fg.errors import GraspFailed
 from akm_fg.hardware.franka.compliance import Law, SpringOfWrench
 from akm_fg.hardware.franka.config import ReflexConfig, SpringConfig
 from akm_fg.hardware.franka.control import HandControl
+from akm_fg.hardware.franka.hand_frame import checked_hand
 from akm_fg.hardware.franka.legs import leg_limits
-from akm_fg.hardware.franka.link import FrankaLink, pose
+from akm_fg.hardware.franka.link import FrankaLink
 from akm_fg.hardware.franka.planning import ArmPlanner, PlannedGrasp
 from akm_fg.hardware.franka.straight import StraightLine, off_by
 from akm_fg.records import FloatArray, RgbdFrame, TimedPath
@@ -45,6 +46,7 @@ class FrankaArm:
         self.config, self._planner = planner.config, planner
         self._link = FrankaLink(host, self.config)
         self._closed = False
+        self._running: Generator[None] | None = None  # a compliant motion
 
     def __enter__(self) -> FrankaArm:
         """Connects, and compares the robot with its description.
@@ -55,7 +57,7 @@ class FrankaArm:
         self._link.__enter__()
         try:
             self._planner.q_limits = self._link.joint_limits()
-            T_ee_gripper = self._checked_hand()
+            T_ee_gripper = checked_hand(self._link.state(), self._planner.kinematics, self.config)
             kinematics = FrankaKinematics(description=self._planner.description)
             self._control = HandControl(self._link, kinematics, T_ee_gripper, self.config)
         except BaseException:
@@ -101,13 +103,30 @@ class FrankaArm:
         """Whether something is between the closed fingers."""
         return self._closed and self._link.fingers_m() > self.config.grasp.nothing_m
 
+    def reachable(self, T_world_grasp: gtsam.Pose3, onward: Sequence[gtsam.Pose3] = ()) -> float:
+        """Share of the poses that the hand gets to from a grasp, one after the other.
+
+        Raises:
+            MotionInfeasible: the grasp cannot be reached, or not without touching something.
+        """
+        return self._planner.reachable(T_world_grasp, onward)
+
+    def can_follow(self, poses: Sequence[gtsam.Pose3]) -> int:
+        """How many of the poses the hand gets to from where it is, one after the other."""
+        return self._planner.can_follow(poses, self.measured_joints()[0])
+
     def grasp(
-        self, T_world_grasp: gtsam.Pose3, tick_s: float, feel_m: float = 0.0
+        self,
+        T_world_grasp: gtsam.Pose3,
+        tick_s: float,
+        feel_m: float = 0.0,
+        onward: Sequence[gtsam.Pose3] = (),
     ) -> Iterator[None]:
         """Let go, move to the pre-grasp, approach along the gripper's z, close the fingers.
 
         With `feel_m`, the grasp's depth is only known to so much: the hand goes on by as far until
-        something stops it, which may be as far before the grasp, and closes a little behind.
+        something stops it, which may be as far before the grasp, and closes a little behind. Of the
+        ways to get there the one is taken from which the hand gets farthest along `onward`.
 
         Raises:
             MotionInfeasible: the pose cannot be reached, or not without touching something.
@@ -115,14 +134,16 @@ class FrankaArm:
                 met with nothing between them.
             ArmStopped: the robot has stopped by itself, or the connection is lost.
         """
-        self._planner.grasp(T_world_grasp, self._where_it_starts())  # refused before it moves
+        start = self._where_it_starts()
+        self._planner.grasp(T_world_grasp, start, onward)  # refused before it moves
         yield from self._release(tick_s)
-        planned = self._planner.grasp(T_world_grasp, self.measured_joints()[0])
+        planned = self._planner.grasp(T_world_grasp, self.measured_joints()[0], onward)
         yield from self._along(planned.waypoints, tick_s)
         yield from self._approach(T_world_grasp, planned, feel_m, tick_s)
+        c = self.config
+        self._expect(c.held_reflex)
         self._closed = True
         self._link.close_fingers()
-        c = self.config
         yield from self._control.hold(c.stiff, c.grasp.patience_s, tick_s)
         if not self.holding():
             raise GraspFailed("the fingers met with nothing between them")
@@ -157,6 +178,15 @@ class FrankaArm:
         inner = SpringOfWrench(law, spring, self.config.period_s)
         yield from self._held(inner, spring, tick_s)
 
+    def relax(self, tick_s: float) -> Iterator[None]:
+        """After a motion that was not iterated to its end: come to rest, and let the force fade.
+
+        Raises:
+            ArmStopped: as `grasp`.
+        """
+        self._rest()
+        yield from ()
+
     def follow(self, path: TimedPath, tick_s: float) -> Iterator[None]:
         """Follow a timed path compliantly, and wait until the arm has come to rest.
 
@@ -172,24 +202,6 @@ class FrankaArm:
         reference = pose_reference(slower, start, c.period_s, c.reference.blend_s)
         inner = SpringOfWrench(PathTracker(reference, c.track), c.following, c.period_s)
         yield from self._held(inner, c.following, tick_s)
-
-    def _checked_hand(self) -> gtsam.Pose3:
-        """T_ee_gripper, from the robot's end effector to the point between the fingertips.
-
-        Raises:
-            ArmStopped: they are so far apart that another hand is mounted or set up.
-        """
-        c, state = self.config, self._link.state()
-        T_world_gripper = self._planner.kinematics.T_world_gripper(state.q)
-        T_ee_gripper = pose(state.T_world_ee).inverse() * T_world_gripper
-        off_m, off_rad = off_by(T_ee_gripper.matrix(), gtsam.Pose3())
-        if off_m > c.hand_off_m or off_rad > c.hand_off_rad:
-            raise ArmStopped(
-                f"the robot's end effector is {1e3 * off_m:.0f} mm and {np.rad2deg(off_rad):.0f} "
-                "deg from where the Franka hand's fingertips are: set the Franka hand as end "
-                "effector in Desk"
-            )
-        return T_ee_gripper
 
     def _where_it_starts(self) -> FloatArray:
         """Joint angles from which a grasp is planned: those after letting go."""
@@ -272,6 +284,7 @@ class FrankaArm:
         c, was_closed = self.config, self._closed
         if not was_closed and self._link.fingers_m() > c.grasp.open_m - c.grasp.nothing_m:
             return
+        self._expect(c.held_reflex)
         self._link.open_fingers()
         yield from self._control.hold(c.stiff, c.grasp.patience_s, tick_s)
         self._closed = False
@@ -281,10 +294,19 @@ class FrankaArm:
 
     def _held(self, law: Law, spring: SpringConfig, tick_s: float) -> Iterator[None]:
         self._expect(self.config.held_reflex)
-        yield from self._control.run(law, spring, tick_s)
+        self._running = self._control.run(law, spring, tick_s)
+        yield from self._running
 
     def _expect(self, reflex: ReflexConfig) -> None:
+        """Rest, and from now on stop at these forces."""
+        self._rest()
         self._link.expect(reflex)
+
+    def _rest(self) -> None:
+        """End a compliant motion that nobody iterates any more."""
+        if self._running is not None:
+            self._running.close()
+            self._running = None
 
 
 def _blocked(left_m: float) -> str:

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Generator, Iterator
 
 import gtsam
 import numpy as np
@@ -43,7 +43,7 @@ class HandControl:
         self._link, self._kinematics, self._config = link, kinematics, config
         self._T_gripper_ee = T_ee_gripper.inverse().matrix()
 
-    def run(self, law: Law, spring: SpringConfig, tick_s: float) -> Iterator[None]:
+    def run(self, law: Law, spring: SpringConfig, tick_s: float) -> Generator[None]:
         """The law until it ends, by a spring from where the hand is; at rest afterwards.
 
         Raises:

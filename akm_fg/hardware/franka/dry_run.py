@@ -6,7 +6,7 @@ It connects to nothing. The robot itself stands where it stands, wherever the pl
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 
 import gtsam
 import numpy as np
@@ -54,8 +54,24 @@ class DryRunArm:
         """Nothing is ever held."""
         return False
 
+    def reachable(self, T_world_grasp: gtsam.Pose3, onward: Sequence[gtsam.Pose3] = ()) -> float:
+        """As the real arm.
+
+        Raises:
+            MotionInfeasible: as the real arm would.
+        """
+        return self._planner.reachable(T_world_grasp, onward)
+
+    def can_follow(self, poses: Sequence[gtsam.Pose3]) -> int:
+        """As the real arm, from where the hand would be by now."""
+        return self._planner.can_follow(poses, self._q)
+
     def grasp(
-        self, T_world_grasp: gtsam.Pose3, tick_s: float, feel_m: float = 0.0
+        self,
+        T_world_grasp: gtsam.Pose3,
+        tick_s: float,
+        feel_m: float = 0.0,
+        onward: Sequence[gtsam.Pose3] = (),
     ) -> Iterator[None]:
         """Says the way to the grasp.
 
@@ -63,7 +79,7 @@ class DryRunArm:
             MotionInfeasible: as the real arm would.
             DryRunEnded: it would be grasped; what follows is not known.
         """
-        planned = self._planner.grasp(T_world_grasp, self._q)
+        planned = self._planner.grasp(T_world_grasp, self._q, onward)
         self._tell(f"to the pre-grasp: {_words(planned.waypoints, self._planner.config.time_law)}")
         where = _rounded(T_world_grasp.translation(), 3)
         along = _rounded(T_world_grasp.rotation().matrix()[:, 2], 2)
@@ -90,6 +106,10 @@ class DryRunArm:
         force_n = self._planner.config.pull.force_max_n
         self._tell(f"pull: {100 * distance_m:.0f} cm along {direction}, {force_n:.0f} N at most")
         yield
+
+    def relax(self, tick_s: float) -> Iterator[None]:
+        """Nothing moves."""
+        yield from ()
 
     def follow(self, path: TimedPath, tick_s: float) -> Iterator[None]:
         """Says the path's ends.

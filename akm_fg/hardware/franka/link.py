@@ -17,7 +17,6 @@ from types import TracebackType
 from typing import Any
 from xml.etree import ElementTree
 
-import gtsam
 import numpy as np
 
 from akm_fg.arm.body.kinematics import Q_MAX, Q_MIN
@@ -282,8 +281,3 @@ class Spring:
                     target_twist=franky.Twist(twist[:3], twist[3:]),
                 )
             )
-
-
-def pose(T: FloatArray) -> gtsam.Pose3:
-    """Of a matrix (4, 4) whose rotation may be off by rounding."""
-    return gtsam.Pose3(gtsam.Rot3.ClosestTo(T[:3, :3]), T[:3, 3])

@@ -17,9 +17,9 @@ from akm_fg.arm.body.kinematics import Q_MAX, Q_MIN, FrankaKinematics
 from akm_fg.arm.body.silhouette import ArmSilhouette
 from akm_fg.arm.motion.aside import aside
 from akm_fg.arm.motion.free_motion import RrtConnectPlanner
-from akm_fg.arm.motion.reaching import GraspConfiguration, grasp_options
+from akm_fg.arm.motion.reaching import GraspConfiguration, followed, grasp_options
 from akm_fg.arm.motion.reference import within_joint_limits
-from akm_fg.arm.motion.surroundings import KnownScene
+from akm_fg.arm.motion.surroundings import KnownScene, Surroundings
 from akm_fg.errors import MotionInfeasible
 from akm_fg.hardware.franka.config import FrankaArmConfig
 from akm_fg.records import FloatArray, RgbdFrame, TimedPath
@@ -71,24 +71,16 @@ class ArmPlanner:
             self._silhouette = ArmSilhouette(self.description, self.config.silhouette)
         return self._silhouette
 
-    def grasp(self, T_world_grasp: gtsam.Pose3, q: FloatArray) -> PlannedGrasp:
-        """The way from joint angles (7,) to a grasp.
+    def grasp(
+        self, T_world_grasp: gtsam.Pose3, q: FloatArray, onward: Sequence[gtsam.Pose3] = ()
+    ) -> PlannedGrasp:
+        """The way from joint angles (7,) to a grasp, from which the hand will go `onward`.
 
         Raises:
             MotionInfeasible: out of reach, not clear, beyond this robot's joint limits, or no free
                 way was found.
         """
-        reach = self.config.reach
-        around = self.scene.around(T_world_grasp, reach.margins_m[0])
-        options = grasp_options(self.kinematics, T_world_grasp, around, reach)
-        where = f"the grasp at {np.round(T_world_grasp.translation(), 3)} m"
-        if not options.reachable:
-            raise MotionInfeasible(f"{where} is out of the arm's reach")
-        if not options.configurations:
-            raise MotionInfeasible(f"{where} is not clear: {options.touched} would touch")
-        possible = [x for x in options.configurations if self._within(x.q_pregrasp, x.q_grasp)]
-        if not possible:
-            raise MotionInfeasible(f"{where} is beyond this robot's joint limits")
+        around, possible = self._options(T_world_grasp, onward)
         planner = RrtConnectPlanner(around.free_motion, self.config.plan)
         problem: MotionInfeasible | None = None
         for choice in possible:
@@ -100,6 +92,35 @@ class ArmPlanner:
             return PlannedGrasp(waypoints, choice)
         assert problem is not None
         raise problem
+
+    def reachable(self, T_world_grasp: gtsam.Pose3, onward: Sequence[gtsam.Pose3]) -> float:
+        """Share of the poses that the hand gets to from a grasp, one after the other.
+
+        Raises:
+            MotionInfeasible: out of reach, not clear, or beyond this robot's joint limits.
+        """
+        return self._options(T_world_grasp, onward)[1][0].onward
+
+    def can_follow(self, poses: Sequence[gtsam.Pose3], q: FloatArray) -> int:
+        """How many of the poses the hand gets to from joint angles (7,), one after the other."""
+        return followed(self.kinematics, poses, q)
+
+    def _options(
+        self, T_world_grasp: gtsam.Pose3, onward: Sequence[gtsam.Pose3]
+    ) -> tuple[Surroundings, list[GraspConfiguration]]:
+        """What is around, and the clear configurations within this robot's limits: at least one."""
+        reach = self.config.reach
+        around = self.scene.around(T_world_grasp, reach.margins_m[0])
+        options = grasp_options(self.kinematics, T_world_grasp, around, reach, onward)
+        where = f"the grasp at {np.round(T_world_grasp.translation(), 3)} m"
+        if not options.reachable:
+            raise MotionInfeasible(f"{where} is out of the arm's reach")
+        if not options.configurations:
+            raise MotionInfeasible(f"{where} is not clear: {options.touched} would touch")
+        possible = [x for x in options.configurations if self._within(x.q_pregrasp, x.q_grasp)]
+        if not possible:
+            raise MotionInfeasible(f"{where} is beyond this robot's joint limits")
+        return around, possible
 
     def out_of_sight(
         self, frame: RgbdFrame, q: FloatArray, T_world_gripper: gtsam.Pose3, unseen: bool

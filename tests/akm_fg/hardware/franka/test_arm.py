@@ -152,7 +152,10 @@ def test_the_callers_own_error_leaves_the_arm_at_rest(counterpart, T_world_handl
 
 def test_a_pull_waits_for_whoever_is_away(counterpart, T_world_handle):
     with opened_arm(counterpart) as arm:
-        run(arm.grasp(T_world_handle, TICK_S))
+        here = arm.T_world_gripper()
+        assert arm.reachable(T_world_handle, [T_world_handle]) == 1.0
+        run(arm.grasp(T_world_handle, TICK_S, onward=[T_world_handle]))
+        assert arm.can_follow([here]) == 1
         motion = arm.pull(TOWARDS_ROBOT, 0.25, TICK_S)
         for _ in range(8):
             next(motion)
@@ -161,8 +164,9 @@ def test_a_pull_waits_for_whoever_is_away(counterpart, T_world_handle):
         time.sleep(3.0)
         assert counterpart.ask("drawer") - before_m < 0.01
         next(motion)
-        motion.close()
+        run(arm.relax(TICK_S))
         assert at_rest(counterpart)
+        assert arm.holding()
 
 
 def test_nobody_at_the_address_is_one_line():
