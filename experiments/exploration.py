@@ -26,8 +26,9 @@ from pathlib import Path
 import numpy as np
 
 from akm_fg.cli.exploring.explore import ExploreArguments, explore_request
+from akm_fg.cli.exploring.kept import Explored
 from akm_fg.cli.exploring.outcome import solved_frames
-from akm_fg.cli.exploring.simulated import Explored, explore_in_simulator
+from akm_fg.cli.exploring.simulated import explore_in_simulator
 from akm_fg.cli.object_argument import parse_object
 from akm_fg.errors import AkmError
 from akm_fg.exploration.records import Stretch
@@ -109,7 +110,7 @@ def _row(
     explored: Explored, name: str, setting: str, seed: int, handles: int, began: float
 ) -> ExplorationRow:
     exploration, truth, measured = explored.exploration, explored.truth, explored.measured
-    assert measured is not None
+    assert measured is not None and truth is not None
     attempts = exploration.attempts
     last = attempts[-1] if attempts else None
     posterior = None if exploration.fit is None else exploration.fit.posterior

@@ -36,9 +36,8 @@ from sim.camera.noise import NOISE_LEVELS
 from sim.camera.views import sample_view
 from sim.episode import SimEpisode, open_world
 from sim.objects.household.household_spec import SMALL_PX, HouseholdSpec
-from sim.objects.household.household_suites import HouseholdSuite
 from sim.objects.placement import opened
-from sim.objects.suites.catalogue import ALL_SUITES, Suite, find_suite
+from sim.objects.suites.catalogue import ALL_SUITES, AnySuite, find_suite
 from sim.objects.suites.furniture_spec import FurnitureSpec
 from sim.robot.riding_hand import RidingHand
 from sim.robot.scripted_pull import ScriptedPull
@@ -167,7 +166,7 @@ def _hand_travel(world: SimEpisode) -> float:
     return float(np.linalg.norm(np.cross(built.axis_object, arm)))
 
 
-def chosen(suite: Suite | HouseholdSuite, objects: str | None) -> list[str]:
+def chosen(suite: AnySuite, objects: str | None) -> list[str]:
     """Names that a glob matches; or as many as a count says, evenly over the suite."""
     names = list(suite.names())
     if objects is None:

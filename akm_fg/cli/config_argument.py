@@ -15,7 +15,8 @@ from akm_fg.io.config_file import read_config, write_config
 
 Tree = TypeVar("Tree", bound=AkmConfig)
 
-SIMULATOR = "sim"  # the table of the tree that other commands than those of the simulator leave
+# Tables of the tree that belong to one kind of command, and are left alone by the others.
+SIMULATOR, HARDWARE = "sim", "hardware"
 SUFFIX = ".config.toml"  # added to the name of a file of results
 
 
@@ -33,7 +34,7 @@ def chosen_config(
     Raises:
         InputError: a file that cannot be used, see `akm_fg.io.config_file.read_config`.
     """
-    others = () if hasattr(default, SIMULATOR) else (SIMULATOR,)
+    others = tuple(name for name in (SIMULATOR, HARDWARE) if not hasattr(default, name))
     config = default if path is None else read_config(path, default, others)
     named = config.stages
     stages = replace(

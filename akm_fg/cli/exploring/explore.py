@@ -1,18 +1,20 @@
-"""`akm-fg explore`: find where a simulated object opens, and how."""
+"""`akm-fg explore`: find where an object opens, and how; simulated, or before a real robot."""
 
 from __future__ import annotations
 
 import json as json_module
 import time
+from collections.abc import Callable
 from dataclasses import dataclass, replace
+from importlib.util import find_spec
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any, Literal, TypeVar
 
 from akm_fg.cli.demo import make_run_folder, require_simulator
 from akm_fg.cli.exit_codes import DONE, GOAL_NOT_REACHED, INTERRUPTED
 from akm_fg.cli.object_argument import parse_object
 from akm_fg.cli.output import json_output, write_line
-from akm_fg.errors import InputError
+from akm_fg.errors import InputError, MissingDependency
 
 TURNS_RAD = 0.8  # of a hand on what it holds, beyond which it does not hold it
 ASLANT_RAD = 0.8  # of the hand that feels for a handle: depth errs along the camera's look
@@ -26,11 +28,15 @@ if TYPE_CHECKING:
     import tyro
 
     from akm_fg.cli.demo_config import DemoConfig
-    from akm_fg.cli.exploring.simulated import Explored, ExploreRequest
+    from akm_fg.cli.exploring.kept import Explored
+    from akm_fg.cli.exploring.on_robot import RobotRequest
+    from akm_fg.cli.exploring.simulated import ExploreRequest
+    from akm_fg.config import AkmConfig
     from akm_fg.exploration.config import ExploreConfig
-    from sim.robot.franka_config import FrankaConfig
 
     Positional = tyro.conf.Positional
+
+Tree = TypeVar("Tree", bound="AkmConfig")
 
 
 @dataclass(frozen=True)
@@ -41,6 +47,8 @@ class ExploreArguments:
     learns from every try, and stops when it knows the joint well enough for the task, or when
     nothing is left to try. Writes a folder with explore.json, a recording of every attempt,
     model.json and report.html. The exit code is 1 when nothing was opened.
+
+    With --robot a real Franka does, under a RealSense: see docs/hardware.md before.
     """
 
     object: str = "furniture-dev/door-001"
@@ -88,6 +96,17 @@ class ExploreArguments:
     """What follows points: flow, or another file of akm_fg/backends/trackers."""
     segmenter: str | None = None
     """What finds the object: depth, or another file of akm_fg/backends/segmenters."""
+    robot: str | None = None
+    """Address of a real Franka's control interface: explore what stands before it."""
+    camera: Literal["realsense"] = "realsense"
+    """With --robot: the camera, the first of its kind that is connected."""
+    calibration: Path | None = None
+    """With --robot: what akm-fg calibrate --json wrote of the camera, which has to stand still."""
+    floor: float = 0.0
+    """With --robot: height of the floor or table top above the robot's base, m; nothing goes
+    below."""
+    dry_run: bool = False
+    """With --robot: look and plan, say what would move first, connect no arm and move nothing."""
 
 
 def explore(arguments: ExploreArguments, config: DemoConfig | None = None) -> int:
@@ -104,14 +123,13 @@ def explore(arguments: ExploreArguments, config: DemoConfig | None = None) -> in
         OutputError: the run's folder cannot be written.
     """
     began = time.perf_counter()
-    require_simulator("exploring")
     if arguments.max_attempts < 1:
         raise InputError("--max-attempts", f"is {arguments.max_attempts}", "1 or more")
-    from akm_fg.cli.exploring.simulated import explore_in_simulator, write_result
+    request, run = _on_robot(arguments) if arguments.robot else _simulated(arguments, config)
+    from akm_fg.cli.exploring.kept import write_result
 
-    request = explore_request(arguments, config)
     with json_output(arguments.json) as stream:
-        explored = explore_in_simulator(request)
+        explored = run()
         result = _result(request, explored, time.perf_counter() - began)
         write_result(request.folder, result)
         if stream is not None:
@@ -120,7 +138,35 @@ def explore(arguments: ExploreArguments, config: DemoConfig | None = None) -> in
         _print(request, explored)
     if explored.interrupted:
         return INTERRUPTED
-    return DONE if explored.exploration.opened else GOAL_NOT_REACHED
+    return DONE if explored.exploration.opened or explored.planned else GOAL_NOT_REACHED
+
+
+def _simulated(
+    arguments: ExploreArguments, config: DemoConfig | None
+) -> tuple[ExploreRequest, Callable[[], Explored]]:
+    for flag in ("calibration", "dry_run"):
+        if getattr(arguments, flag):
+            word = f"--{flag.replace('_', '-')}"
+            raise InputError(word, "is of a real robot", "--robot HOST beside it")
+    require_simulator("exploring")
+    from akm_fg.cli.exploring.simulated import explore_in_simulator
+
+    request = explore_request(arguments, config)
+    return request, lambda: explore_in_simulator(request)
+
+
+def _on_robot(arguments: ExploreArguments) -> tuple[RobotRequest, Callable[[], Explored]]:
+    absent = [m for m in ("pinocchio", "pink", "ompl") if find_spec(m) is None]
+    if absent:
+        needs = f"a robot arm needs {' and '.join(absent)}"
+        raise MissingDependency(f"{needs}; install akm-fg[hardware]")
+    from akm_fg.cli.exploring.robot_request import refuse_what_is_simulated, robot_request
+
+    refuse_what_is_simulated(arguments)
+    request = robot_request(arguments)
+    from akm_fg.cli.exploring.on_robot import explore_on_robot
+
+    return request, lambda: explore_on_robot(request)
 
 
 def explore_request(
@@ -140,10 +186,11 @@ def explore_request(
     from akm_fg.backends.registry import stages_of
     from akm_fg.cli.config_argument import write_tree
     from akm_fg.cli.demo_config import demo_config
-    from akm_fg.cli.exploring.simulated import CONFIG, ExploreRequest, read_request
+    from akm_fg.cli.exploring.kept import CONFIG, read_request
+    from akm_fg.cli.exploring.simulated import ExploreRequest
 
-    config = demo_config(arguments, config or exploring_default())
-    config = replace(config, explore=_chosen(arguments, config.explore))
+    config = demo_config(arguments, config or simulated_default())
+    config = replace(config, explore=chosen_explore(arguments, config.explore))
     memory = _memory_folder(arguments)
     if memory is not None and (memory.exists() or not arguments.remember):  # else it begins
         config = replace(config, explore=replace(config.explore, memory=str(memory)))
@@ -162,15 +209,12 @@ def explore_request(
     )  # fmt: skip
 
 
-def exploring_default() -> DemoConfig:
+def exploring_default(config: Tree) -> Tree:
     """The settings that an exploration begins with, before any file: fingers may turn, few frames.
 
     A compliant pull leaves the hand's orientation free: on a bar or knob it turns by 20 to 30 deg.
-    A recording is solved once, a pull after each stretch. What is felt for is off: see above.
+    A recording is solved once, a pull after each stretch.
     """
-    from akm_fg.cli.demo_config import DemoConfig
-
-    config = DemoConfig()
     rig = config.perception.rig
     turning = replace(rig, gripper=replace(rig.gripper, turn_rad=TURNS_RAD))
     observe = config.perception.observe
@@ -179,14 +223,18 @@ def exploring_default() -> DemoConfig:
         config,
         perception=replace(config.perception, rig=turning, observe=observe),
         fit=replace(config.fit, max_frames=KEPT_FRAMES),
-        sim=replace(config.sim, franka=_feeling(config.sim.franka)),
     )
 
 
-def _feeling(franka: FrankaConfig) -> FrankaConfig:
-    """The arm as it reaches for what is only known to a camera's depth."""
+def simulated_default() -> DemoConfig:
+    """As `exploring_default`, with the simulated arm as it reaches for what it knows by depth."""
+    from akm_fg.cli.demo_config import DemoConfig
+
+    config = exploring_default(DemoConfig())
+    franka = config.sim.franka
     gripper = replace(franka.gripper, close_m_s=CLOSE_M_S)
-    return replace(franka, gripper=gripper, close_max_s=CLOSE_MAX_S, aslant_rad=ASLANT_RAD)
+    feeling = replace(franka, gripper=gripper, close_max_s=CLOSE_MAX_S, aslant_rad=ASLANT_RAD)
+    return replace(config, sim=replace(config.sim, franka=feeling))
 
 
 def _memory_folder(arguments: ExploreArguments) -> Path | None:
@@ -200,8 +248,7 @@ def _memory_folder(arguments: ExploreArguments) -> Path | None:
 
 def command_of(arguments: ExploreArguments) -> str:
     """The command line that repeats a run."""
-    thing = parse_object(arguments.object, arguments.joint, arguments.scale)
-    words = [f"akm-fg explore {thing.words} --seed {arguments.seed}"]
+    words = [f"akm-fg explore {_what(arguments)} --seed {arguments.seed}"]
     for flag in ("config", "tracker", "segmenter", "memory"):
         given = getattr(arguments, flag)
         words += [] if given is None else [f"--{flag} {given}"]
@@ -215,7 +262,16 @@ def command_of(arguments: ExploreArguments) -> str:
     return " ".join(words)
 
 
-def _chosen(arguments: ExploreArguments, config: ExploreConfig) -> ExploreConfig:
+def _what(arguments: ExploreArguments) -> str:
+    """What is explored, as flags."""
+    if arguments.robot is None:
+        return parse_object(arguments.object, arguments.joint, arguments.scale).words
+    dry = " --dry-run" if arguments.dry_run else ""
+    rig = f"--robot {arguments.robot} --calibration {arguments.calibration}"
+    return f"{rig} --floor {arguments.floor:g}{dry}"
+
+
+def chosen_explore(arguments: ExploreArguments, config: ExploreConfig) -> ExploreConfig:
     """The settings with what the flags say; a flag that is not given leaves the file's word."""
     usual, changes = ExploreArguments(), {}
     for name in ("max_attempts", "stop", "belief"):
@@ -232,34 +288,43 @@ def _chosen(arguments: ExploreArguments, config: ExploreConfig) -> ExploreConfig
     return replace(config, **changes)
 
 
-def _result(request: ExploreRequest, explored: Explored, total_s: float) -> dict[str, Any]:
+def _result(
+    request: ExploreRequest | RobotRequest, explored: Explored, total_s: float
+) -> dict[str, Any]:
     """The exploration as JSON (`akm-fg/explore/1`, docs/conventions.md)."""
     from akm_fg.exploration.explore_json import exploration_as_dict
     from akm_fg.io.recording_reader import truth_as_json
 
     result = exploration_as_dict(explored.exploration)
-    truth = truth_as_json(explored.truth)
+    truth = None
+    if explored.truth is not None:
+        described = truth_as_json(explored.truth)
+        truth = {"final_state": described.pop("states")[-1], **described}
     return {
         "schema": result.pop("schema"),
         "object": request.name,
         "seed": request.seed,
         **result,
         "model": None if explored.model is None else str(explored.model),
-        "truth": {"final_state": truth.pop("states")[-1], **truth},
+        "truth": truth,
         "time_s": {**result["time_s"], "total": total_s},
     }
 
 
-def _print(request: ExploreRequest, explored: Explored) -> None:
+def _print(request: ExploreRequest | RobotRequest, explored: Explored) -> None:
     from rich.console import Console
 
     console = Console()
     exploration = explored.exploration
     words = f"{exploration.pulls} pulls of {len(exploration.attempts)} tries"
-    if exploration.opened:
+    if explored.planned:
+        console.print(exploration.failure, soft_wrap=True)
+    elif exploration.opened:
         console.print(f"opened: {exploration.attempts[-1].reason} ({words})", soft_wrap=True)
     else:
         console.print(f"not opened: {exploration.failure}", soft_wrap=True)
     if exploration.fit is not None:
         console.print(exploration.fit.posterior.summary(), soft_wrap=True, highlight=False)
-    console.print(f"report: {request.folder / 'report.html'}", soft_wrap=True)
+    report = request.folder / "report.html"
+    if report.exists():
+        console.print(f"report: {report}", soft_wrap=True)

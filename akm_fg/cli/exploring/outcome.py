@@ -6,8 +6,8 @@ from dataclasses import replace
 from pathlib import Path
 
 from akm_fg import __version__
-from akm_fg.cli.demo_config import DemoConfig
 from akm_fg.cli.exploring.recorder import attempt_name
+from akm_fg.config import AkmConfig
 from akm_fg.errors import InsufficientData
 from akm_fg.exploration.page import exploration_part
 from akm_fg.exploration.records import Exploration
@@ -49,8 +49,8 @@ def write_outcome(
     command: str,
     seed: int,
     exploration: Exploration,
-    truth: JointTruth,
-    config: DemoConfig,
+    truth: JointTruth | None,
+    config: AkmConfig,
 ) -> None:
     """Write report.html.
 
@@ -72,7 +72,7 @@ def write_outcome(
         recording=recording,
         tracks=tracks,
         posterior=None if fit is None else fit.posterior,
-        truth=_of_frames(truth, len(recording.frames)),
+        truth=None if truth is None else _of_frames(truth, len(recording.frames)),
         time_s=dict(exploration.time_s),
         failure=exploration.failure,
     )
@@ -87,7 +87,7 @@ def _of_frames(truth: JointTruth, frames: int) -> JointTruth | None:
     return replace(truth, states=truth.states[:frames])
 
 
-def write_part_model(folder: Path, exploration: Exploration, config: DemoConfig) -> Path | None:
+def write_part_model(folder: Path, exploration: Exploration, config: AkmConfig) -> Path | None:
     """Write model.json of what was opened; None where nothing was, or too little is known of it.
 
     Raises:

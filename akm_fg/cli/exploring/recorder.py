@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import shutil
 import sys
 import time
@@ -13,9 +12,7 @@ import numpy as np
 
 from akm_fg.exploration.records import Attempt
 from akm_fg.io.recording_writer import RecordingWriter
-from akm_fg.records import JointTruth, Look, first_hold
-from sim.episode import SimEpisode
-from sim.robot.contacts import contacts
+from akm_fg.records import CalibrationErrors, Look, first_hold
 
 
 def attempt_name(number: int) -> str:
@@ -24,20 +21,26 @@ def attempt_name(number: int) -> str:
 
 
 class Recorder:
-    """Records attempts as they go, and says what happens."""
+    """Records attempts as they go, and says what happens. Knows no truth."""
 
-    def __init__(self, folder: Path, world: SimEpisode, result: Callable[[], None]):
-        self._run_folder, self._world, self._result = folder, world, result
+    def __init__(
+        self, folder: Path, calibration: CalibrationErrors | None, result: Callable[[], None]
+    ) -> None:
+        """Writes nothing yet.
+
+        Args:
+            folder: of the run.
+            calibration: what is not known of the camera.
+            result: called when an attempt has ended, to keep what is known.
+        """
+        self._run_folder, self._calibration, self._result = folder, calibration, result
         self._began = time.perf_counter()
         self._looks: list[Look] = []  # of an attempt; the first is kept until it touches something
         self._writer: RecordingWriter | None = None
-        self.truths: list[JointTruth] = []
-        self.largest_state = 0.0  # true, of all attempts, m or rad: how far it was opened
-        self.pressed_n = 0.0  # largest force seen of a link that is no finger, on the object
 
     def begun(self, number: int, attempt: Attempt) -> None:
         """Say what is tried."""
-        self._looks, self._writer, self.truths = [], None, []
+        self._looks, self._writer = [], None
         self._number = number
         folder = self._folder()
         if folder.exists():  # of an attempt that was interrupted
@@ -49,25 +52,16 @@ class Recorder:
         )
 
     def looked(self, look: Look) -> None:
-        """Write the frame; the truth goes beside it, for scoring alone."""
-        truth = self._world.truth()
-        self.truths.append(truth)
-        self.largest_state = max(self.largest_state, abs(float(truth.states[-1])))
-        self.pressed_n = max(self.pressed_n, self._pressed_n())
+        """Write the frame."""
         self._looks.append(look)
         if len(self._looks) == 1:
             return
         if self._writer is None:
             self._writer = RecordingWriter(self._folder())
             self._add(self._looks[0])
-            if self._world.calibration is not None:
-                self._writer.set_calibration(self._world.calibration)
+            if self._calibration is not None:
+                self._writer.set_calibration(self._calibration)
         self._add(look)
-
-    def _pressed_n(self) -> float:
-        world, fingers = self._world.world, set(self._world.arm.gripper.joints)
-        touching = contacts(world.client, world.robot_id, world.object_id)
-        return sum(contact.force_n for contact in touching if contact.link not in fingers)
 
     def _folder(self) -> Path:
         return self._run_folder / attempt_name(self._number)
@@ -93,23 +87,14 @@ class Recorder:
         """Close the recording."""
         if self._writer is not None:
             attempt.recording = attempt_name(number)
-            self._finish()
+            self._finish(self._writer)
         self.stage(f"  {attempt.outcome.replace('_', ' ')}: {attempt.reason}")
         self._result()
 
-    def _finish(self) -> None:
-        assert self._writer is not None
-        self._writer.set_truth(self.truth())
+    def _finish(self, writer: RecordingWriter) -> None:
         hold = first_hold(self._looks)
         if hold is not None:
-            self._writer.set_grasp_frames(*hold)
-
-    def truth(self) -> JointTruth:
-        """The true joint, a state for each look of the last attempt; for scoring alone."""
-        if not self.truths:
-            return self._world.truth()
-        states = np.array([float(truth.states[-1]) for truth in self.truths])
-        return dataclasses.replace(self.truths[0], states=states)
+            writer.set_grasp_frames(*hold)
 
     def stage(self, words: str) -> None:
         """Say what comes next, and when."""

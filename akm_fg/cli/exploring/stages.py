@@ -6,13 +6,17 @@ from pathlib import Path
 
 from akm_fg.backends import grasps
 from akm_fg.backends.registry import features_of, make
+from akm_fg.cli.exploring.recorder import attempt_name
 from akm_fg.config import AkmConfig
 from akm_fg.errors import MissingDependency
 from akm_fg.exploration.analogy.contacts import ContactMemory
 from akm_fg.exploration.analogy.shipped import SHIPPED
+from akm_fg.exploration.explore import Explorer
 from akm_fg.exploration.perceive import Analogy, Perceiver
 from akm_fg.perception.depth.object_mask import DepthObjectSegmenter
+from akm_fg.records import CalibrationErrors
 from akm_fg.stages import Stages
+from akm_fg.stream.frame_stream import FrameStream
 
 
 def perceiver_of(
@@ -33,6 +37,32 @@ def perceiver_of(
     sampler = make(grasps, config.stages.grasps, config)
     analogy = _analogy(config, family, notes) if config.explore.contact_analogy else None
     return Perceiver(segmenter, sampler, analogy, config.explore)
+
+
+def explorer_of(
+    config: AkmConfig,
+    stages: Stages,
+    perceived: Perceiver,
+    calibration: CalibrationErrors | None,
+    folder: Path,
+    seed: int,
+) -> Explorer:
+    """Who looks, believes and models in a run.
+
+    Args:
+        config: of everything.
+        stages: who follows points and finds the object.
+        perceived: finds contacts and grasps; see `perceiver_of`.
+        calibration: what is not known of the camera.
+        folder: of the run.
+        seed: of what is drawn.
+    """
+
+    def stream(number: int) -> FrameStream:
+        name = str(folder / attempt_name(number))
+        return FrameStream(name, config.model_settings, stages, calibration=calibration)
+
+    return Explorer(perceived.contacts, perceived.grasps, stream, config.explore, seed, calibration)
 
 
 def _analogy(config: AkmConfig, family: str | None, notes: list[str]) -> Analogy | None:

@@ -130,7 +130,7 @@ def run_request(
     Raises:
         InputError: a target, part or model that cannot be used.
     """
-    from akm_fg.cli.exploring.explore import ExploreArguments, explore_request, exploring_default
+    from akm_fg.cli.exploring.explore import ExploreArguments, explore_request, simulated_default
     from akm_fg.cli.running.simulated import ManipulateRequest
     from akm_fg.model.naming import part_name
     from akm_fg.model.read import read_model
@@ -149,7 +149,7 @@ def run_request(
     part = None if arguments.part is None else part_name(arguments.part)
     if arguments.model is not None:
         read_model(arguments.model)  # refuses a broken one before anything is written
-    config = config or exploring_default()
+    config = config or simulated_default()
     config = replace(config, manipulate=replace(config.manipulate, planner=arguments.planner))
     asked = ExploreArguments(
         object=arguments.object, joint=arguments.joint, scale=arguments.scale, seed=arguments.seed,

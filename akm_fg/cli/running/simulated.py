@@ -10,7 +10,8 @@ from pathlib import Path
 import gtsam
 import numpy as np
 
-from akm_fg.cli.exploring.simulated import Explored, ExploreRequest, explore_in_simulator
+from akm_fg.cli.exploring.kept import Explored
+from akm_fg.cli.exploring.simulated import ExploreRequest, explore_in_simulator
 from akm_fg.cli.exploring.stages import perceiver_of
 from akm_fg.cli.running.recorder import RECORDING, RunRecorder
 from akm_fg.cli.simulated_run import limit_shares, opened_world

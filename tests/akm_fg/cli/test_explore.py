@@ -11,7 +11,7 @@ from akm_fg.cli.exploring.explore import (
     ExploreArguments,
     command_of,
     explore_request,
-    exploring_default,
+    simulated_default,
 )
 from akm_fg.cli.main import main
 from akm_fg.exploration.analogy.shipped import SHIPPED
@@ -90,7 +90,7 @@ def test_where_everything_is_locked_nothing_is_called_opened(tmp_path, capsys):
 
 
 def test_an_exploration_feels_for_handles_along_the_look_and_keeps_no_more_frames_than_it_fits():
-    config, demo = exploring_default(), DemoConfig()
+    config, demo = simulated_default(), DemoConfig()
     assert config.sim.franka.aslant_rad > 0.0 == demo.sim.franka.aslant_rad
     assert config.sim.franka.gripper.close_m_s < demo.sim.franka.gripper.close_m_s
     assert config.perception.observe.kept.most == config.fit.max_frames < demo.fit.max_frames

@@ -7,6 +7,7 @@ import json
 import subprocess
 import sys
 from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -39,20 +40,34 @@ class Counterpart:
         self._in.flush()
 
 
-@pytest.fixture
-def counterpart() -> Iterator[Counterpart]:
+@contextmanager
+def running(*words: str) -> Iterator[Counterpart]:
     """A robot on this computer, at home, its fingers half open."""
     for module in NEEDED:
         if importlib.util.find_spec(module) is None:
             pytest.skip(f"{module} is not installed: `make test-hardware` installs it")
     pipe = subprocess.PIPE
     with subprocess.Popen(
-        [sys.executable, str(COUNTERPART)], stdin=pipe, stdout=pipe, text=True
+        [sys.executable, str(COUNTERPART), *words], stdin=pipe, stdout=pipe, text=True
     ) as process:
         try:
             yield Counterpart(process)
         finally:
             process.kill()
+
+
+@pytest.fixture
+def counterpart() -> Iterator[Counterpart]:
+    """A robot with a drawer before it."""
+    with running() as robot:
+        yield robot
+
+
+@pytest.fixture
+def lonely_counterpart() -> Iterator[Counterpart]:
+    """A robot with nothing before it."""
+    with running("--empty") as robot:
+        yield robot
 
 
 @pytest.fixture

@@ -1,7 +1,7 @@
 """A robot that speaks libfranka's protocol, and a drawer in front of it: run in its own process.
 
-It is franky-sim's MuJoCo world with one more body. Says where it listens, and then answers lines
-on standard input, one line each:
+It is franky-sim's MuJoCo world with one more body (`--empty`: without). Says where it listens, and
+then answers lines on standard input, one line each:
 
     drawer      how far the drawer is open, m
     angles      the arm's true joint angles, rad
@@ -63,7 +63,8 @@ def main() -> None:
     with MujocoSimulator() as simulator:
         robot = simulator.add_robot(initial_q=HOME)
         robot._kp_hand[:] = FINGER_N_M
-        add_drawer(simulator.worldbody)
+        if "--empty" not in sys.argv:
+            add_drawer(simulator.worldbody)
         _grip_without_creep(simulator.scene)
         with SimulationServer(simulator) as server:
             server.run_async()

@@ -152,10 +152,9 @@ def test_the_callers_own_error_leaves_the_arm_at_rest(counterpart, T_world_handl
 
 def test_a_pull_waits_for_whoever_is_away(counterpart, T_world_handle):
     with opened_arm(counterpart) as arm:
-        here = arm.T_world_gripper()
         assert arm.reachable(T_world_handle, [T_world_handle]) == 1.0
         run(arm.grasp(T_world_handle, TICK_S, onward=[T_world_handle]))
-        assert arm.can_follow([here]) == 1
+        assert arm.can_follow([arm.T_world_gripper()]) == 1
         motion = arm.pull(TOWARDS_ROBOT, 0.25, TICK_S)
         for _ in range(8):
             next(motion)

@@ -1,0 +1,132 @@
+"""`akm-fg explore --robot`: what it refuses, what it says dry, and one try on a simulated robot.
+
+The pictures are of a simulated cabinet, shown by librealsense's software device; nothing moves in
+them. The arm is franky-sim's, with nothing before it.
+"""
+
+from __future__ import annotations
+
+import json
+
+import gtsam
+import numpy as np
+import pytest
+
+from akm_fg.cli.exploring.explore import ExploreArguments
+from akm_fg.cli.exploring.kept import RESULT
+from akm_fg.cli.main import main
+from tests.akm_fg.hardware.calibration_file import write_calibration
+from tests.akm_fg.hardware.software_realsense import SoftwareRealSense
+
+OBJECT, SEED = "furniture-dev/drawer-001", 1
+
+
+def refused(capsys, *words) -> str:
+    assert main(["explore", *words]) == 2
+    told = capsys.readouterr().err.strip().splitlines()
+    assert len(told) == 1
+    return told[0]
+
+
+@pytest.mark.parametrize(
+    ("words", "told"),
+    [
+        (("--robot", "127.9.9.9"), "needs to know where the camera stands"),
+        (("--robot", "127.9.9.9", "--object", "drawer"), "--object: is of the simulator"),
+        (("--robot", "127.9.9.9", "--locked"), "--locked: is of the simulator"),
+        (("--robot", "127.9.9.9", "--calibration", "/nowhere.json"), "/nowhere.json: is missing"),
+        (("--dry-run",), "--dry-run: is of a real robot"),
+        (("--calibration", "/nowhere.json"), "--calibration: is of a real robot"),
+    ],
+)
+def test_flags_that_do_not_go_together_are_one_line(capsys, words, told):
+    pytest.importorskip("pinocchio")
+    assert told in refused(capsys, *words)
+
+
+@pytest.fixture
+def scene(tmp_path):
+    """A device that shows a cabinet, and the flags that name its calibration."""
+    pytest.importorskip("pybullet")
+    pytest.importorskip("pyrealsense2")
+    from sim.episode import open_world
+
+    with open_world(OBJECT, SEED, placement="published") as world:
+        frame, floor_m = world.camera.capture(), world.world.placement.floor_m
+    depth_mm = np.nan_to_num(1000.0 * frame.depth_m).round().astype(np.uint16)
+    camera = frame.camera
+    path = write_calibration(tmp_path / "rig.json", camera, frame.T_world_cam)
+    flags = ["--calibration", str(path), "--floor", str(floor_m)]
+    return SoftwareRealSense(lambda number: (frame.rgb, depth_mm), camera, camera), flags
+
+
+def explored(device, flags, monkeypatch, capsys):
+    """The command with a device of software in place of the first on a cable."""
+    from akm_fg.cli.exploring import on_robot
+
+    real = on_robot.open_hardware
+    monkeypatch.setattr(
+        on_robot, "open_hardware", lambda *words, **more: real(*words, **{**more, "device": device})
+    )
+    code = main(["explore", "--without-ca", "--max-attempts", "1", *flags])
+    return code, capsys.readouterr()
+
+
+@pytest.mark.slow
+@pytest.mark.hardware
+def test_a_dry_run_says_what_would_move_and_connects_nothing(scene, monkeypatch, capsys, tmp_path):
+    real, flags = scene
+    with real:
+        words = ["--robot", "127.9.9.9", "--dry-run", "--out", str(tmp_path), *flags]
+        code, said = explored(real.device, words, monkeypatch, capsys)
+    assert code == 0
+    would = [line for line in said.err.splitlines() if line.startswith("would move")]
+    assert any("to the pre-grasp: " in line for line in would)
+    assert any("close the fingers" in line for line in would)
+    assert "nothing was moved" in said.out
+    (folder,) = tmp_path.glob("*-explore-robot")
+    told = json.loads((folder / RESULT).read_text())
+    assert told["truth"] is None and not told["opened"] and told["contacts"]
+
+
+@pytest.mark.slow
+@pytest.mark.hardware
+def test_a_robot_looks_plans_and_tries(scene, lonely_counterpart, monkeypatch, capsys, tmp_path):
+    real, flags = scene
+    with real:
+        words = ["--robot", lonely_counterpart.host, "--out", str(tmp_path), *flags]
+        code, said = explored(real.device, words, monkeypatch, capsys)
+    assert code == 1
+    assert "not opened: " in said.out
+    (folder,) = tmp_path.glob("*-explore-robot")
+    told = json.loads((folder / RESULT).read_text())
+    assert told["object"] == f"robot {lonely_counterpart.host}"
+    assert told["attempts"]
+    for attempt in told["attempts"]:
+        assert attempt["outcome"] in ("refused", "grasp_lost")
+    assert (folder / "report.html").exists()
+    home = np.array([0.0, -0.785, 0.0, -2.356, 0.0, 1.571, 0.785])
+    assert np.abs(np.array(lonely_counterpart.ask("angles")) - home).max() > 0.1  # it has moved
+
+
+def test_the_settings_of_an_exploration_with_a_robot_are_kept_and_read_again(tmp_path):
+    pytest.importorskip("pinocchio")
+    from akm_fg.cli.config_argument import chosen_config
+    from akm_fg.cli.exploring.on_robot import RobotConfig
+    from akm_fg.cli.exploring.robot_request import robot_request
+    from akm_fg.config import AkmConfig
+    from akm_fg.records import PinholeCamera
+
+    camera = PinholeCamera(64, 48, 60.0, 60.0, 31.5, 23.5)
+    path = write_calibration(tmp_path / "rig.json", camera, gtsam.Pose3())
+    settings = tmp_path / "mine.toml"
+    settings.write_text("[hardware.arm.approach]\nspeed_m_s = 0.02\n")
+    arguments = ExploreArguments(
+        robot="127.9.9.9", calibration=path, config=settings, out=tmp_path / "runs", floor=-0.4
+    )
+    request = robot_request(arguments)
+    assert request.config.hardware.arm.approach.speed_m_s == 0.02
+    assert request.hardware.floor_m == -0.4
+    again = chosen_config(RobotConfig(), request.folder / "config.toml")
+    assert again == request.config
+    assert chosen_config(AkmConfig(), request.folder / "config.toml").fit == again.fit
