@@ -18,7 +18,7 @@ from akm_fg.arm.motion.pulling import Pull
 from akm_fg.arm.motion.reaching import standoff
 from akm_fg.arm.motion.reference import pose_reference
 from akm_fg.arm.motion.tracking import PathTracker
-from akm_fg.errors import GraspFailed
+from akm_fg.errors import ArmStopped, GraspFailed
 from akm_fg.hardware.franka.compliance import Law, SpringOfWrench
 from akm_fg.hardware.franka.config import ReflexConfig, SpringConfig
 from akm_fg.hardware.franka.control import HandControl
@@ -161,8 +161,12 @@ class FrankaArm:
         yield from self._release(tick_s)
         q = self.measured_joints()[0]
         way = self._planner.out_of_sight(frame, q, self.T_world_gripper(), unseen)
-        if way is not None:
+        if way is None:
+            return
+        try:
             yield from self._along(way, tick_s)
+        except GraspFailed as error:
+            raise ArmStopped(f"{error} aside: look at what it touches, and start again") from error
 
     def pull(self, direction_world: FloatArray, distance_m: float, tick_s: float) -> Iterator[None]:
         """Pull gently, starting along a unit vector, and follow where the part lets the hand go.
@@ -221,17 +225,31 @@ class FrankaArm:
         self._expect(self.config.free_reflex)
         q = waypoints[0]
         for goal in waypoints[1:]:
-            limits = leg_limits(goal - q, self.config.time_law)
-            self._link.go(goal, limits)
+            self._link.go(goal, leg_limits(goal - q, self.config.time_law))
             try:
-                while not self._link.done(tick_s):
-                    state = self._link.state()
-                    if np.abs(state.q_wanted - state.q).max() > self.config.met_rad:
-                        raise GraspFailed("the arm met something on its way")
-                    yield
+                yield from self._watched(tick_s)
             finally:
                 self._link.stop()
             q = goal
+
+    def _watched(self, tick_s: float) -> Iterator[None]:
+        """Until the motion has ended; times are the robot's.
+
+        Raises:
+            GraspFailed: the arm stays behind.
+        """
+        c = self.config
+        now_s = well_s = ticked_s = self._link.state().time_s
+        while not self._link.done(c.look_s):
+            state = self._link.state()
+            now_s = state.time_s
+            if np.abs(state.q_wanted - state.q).max() < c.met_rad:
+                well_s = now_s
+            if now_s - well_s > c.met_s:
+                raise GraspFailed("the arm met something on its way")
+            if now_s - ticked_s >= tick_s:
+                ticked_s = now_s
+                yield
 
     def _approach(
         self, T_world_grasp: gtsam.Pose3, planned: PlannedGrasp, feel_m: float, tick_s: float

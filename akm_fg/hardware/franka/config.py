@@ -90,7 +90,11 @@ class FrankaArmConfig:
     # A caller who is away for longer than this (who looks and thinks between two ticks) finds the
     # hand waiting: what is not watched does not go on.
     patience_s: float = 0.5
-    met_rad: float = 0.15  # of a joint behind its reference in free motion: it has met something
+    # Of a joint behind its reference in free motion, for so long: it has met something. The
+    # robot's own reflex comes before that where it measures torques.
+    met_rad: float = 0.15
+    met_s: float = 0.3
+    look_s: float = 0.02  # between two looks at that
     rest_rad: float = 0.05  # of a joint: nearer than this to a place is there
     stop_s: float = 5.0  # to come to rest in
     hand_off_m: float = 0.02  # between the robot's end effector and ours: it is another hand

@@ -58,12 +58,20 @@ def _grip_without_creep(scene: ET.Element) -> None:
     option.set("impratio", "50")
 
 
+def _without_ground(worldbody: ET.Element) -> None:
+    """The pedestal's height is the world's to say: the simulated ground goes out of reach."""
+    ground = next(geom for geom in worldbody.iter("geom") if geom.get("name") == "ground")
+    ground.set("pos", "0 0 -3")
+
+
 def main() -> None:
     """Serve until standard input ends."""
     with MujocoSimulator() as simulator:
         robot = simulator.add_robot(initial_q=HOME)
         robot._kp_hand[:] = FINGER_N_M
-        if "--empty" not in sys.argv:
+        if "--empty" in sys.argv:
+            _without_ground(simulator.worldbody)
+        else:
             add_drawer(simulator.worldbody)
         _grip_without_creep(simulator.scene)
         with SimulationServer(simulator) as server:

@@ -96,7 +96,7 @@ def test_a_robot_looks_plans_and_tries(scene, lonely_counterpart, monkeypatch, c
     with real:
         words = ["--robot", lonely_counterpart.host, "--out", str(tmp_path), *flags]
         code, said = explored(real.device, words, monkeypatch, capsys)
-    assert code == 1
+    assert code == 1, said.err
     assert "not opened: " in said.out
     (folder,) = tmp_path.glob("*-explore-robot")
     told = json.loads((folder / RESULT).read_text())
