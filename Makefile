@@ -6,6 +6,8 @@
 #   make slow    the statistical and long tests
 #   make bench   timings
 #   make test-hardware   arm and camera against what stands in for them (docs/hardware.md)
+#   make docs    the documentation site, docs/_build/html/index.html
+#   make docs-links   whether its links to other sites lead somewhere (needs the network)
 #   make peer    the environment of the peer that experiments compare with (.venv-peer)
 #   make experiments   every comparison of docs/experiments.md; hours, goes on where it was cut
 #   make lock    renew requirements.lock from setup.cfg
@@ -18,7 +20,7 @@ PIP := $(BIN)/python -m pip --disable-pip-version-check --quiet
 # Byte code is made at first import: compiling all of it takes longer than the tests need.
 INSTALL := $(PIP) install --no-compile
 
-.PHONY: demo test lint check slow bench test-hardware peer experiments lock clean
+.PHONY: demo test lint check slow bench test-hardware docs docs-links peer experiments lock clean
 
 demo: $(READY)
 	$(BIN)/akm-fg demo
@@ -42,6 +44,13 @@ bench: $(READY)
 test-hardware: $(READY)
 	$(INSTALL) --no-build-isolation --editable ".[hardware-test]"
 	$(BIN)/python -m pytest tests/akm_fg/hardware -m "hardware or not slow" --durations=10
+
+docs: $(READY)
+	$(BIN)/python -m sphinx -W --keep-going -q docs docs/_build/html
+	@echo "docs/_build/html/index.html"
+
+docs-links: $(READY)
+	$(BIN)/python -m sphinx -q -b linkcheck docs docs/_build/links
 
 $(READY): requirements.lock requirements-torch.lock setup.cfg pyproject.toml
 	@echo "setting up $(VENV) (once, about two minutes)"
@@ -79,10 +88,10 @@ experiments: $(READY) peer
 lock:
 	rm -rf .venv-lock
 	$(PYTHON) -m venv .venv-lock
-	.venv-lock/bin/python -m pip --quiet install "setuptools>=77" ".[sim,test,dev]"
+	.venv-lock/bin/python -m pip --quiet install "setuptools>=77" ".[sim,test,docs,dev]"
 	( echo "# Exact versions of everything \`make\` installs (CPython 3.11). Renew with \`make lock\`."; \
 	  .venv-lock/bin/python -m pip freeze --all --exclude akm-fg --exclude pip ) > requirements.lock
 	rm -rf .venv-lock
 
 clean:
-	rm -rf $(VENV) .venv-lock .venv-peer build *.egg-info .pytest_cache .mypy_cache .ruff_cache .benchmarks
+	rm -rf $(VENV) .venv-lock .venv-peer build docs/_build *.egg-info .pytest_cache .mypy_cache .ruff_cache .benchmarks

@@ -9,6 +9,8 @@ import sys
 import warnings
 from collections.abc import Sequence
 from importlib import import_module
+from types import ModuleType
+from typing import Any
 
 from akm_fg import __version__
 from akm_fg.cli.exit_codes import BAD_INPUT, DONE, INTERRUPTED, READER_LEFT
@@ -48,13 +50,26 @@ def _run(argv: list[str]) -> int:
     if argv == ["--version"]:
         print(f"akm-fg {__version__}")
         return DONE
-    import tyro
-
     from akm_fg.errors import InputError
 
     _set_up_log()
-    modules = {name: import_module(f"akm_fg.cli.{place}") for name, place in _COMMANDS.items()}
-    taken_by = {getattr(modules[name], f"{name.title()}Arguments"): name for name in modules}
+    name, arguments = parsed(argv)
+    seed = getattr(arguments, "seed", 0)
+    if seed < 0:
+        raise InputError("--seed", f"is {seed}", "a whole number from 0 on")
+    code: int = getattr(_module(name), name)(arguments)
+    return code
+
+
+def parsed(argv: Sequence[str]) -> tuple[str, Any]:
+    """A command's name and arguments.
+
+    Raises:
+        SystemExit: there is no such command or flag, which has been said; or help was asked for.
+    """
+    import tyro
+
+    taken_by = {getattr(_module(name), f"{name.title()}Arguments"): name for name in _COMMANDS}
     arguments = tyro.extras.subcommand_cli_from_dict(
         {name: kind for kind, name in taken_by.items()},
         prog="akm-fg",
@@ -62,12 +77,11 @@ def _run(argv: list[str]) -> int:
         args=argv,
         config=(tyro.conf.OmitArgPrefixes, tyro.conf.FlagCreatePairsOff),
     )
-    seed = getattr(arguments, "seed", 0)
-    if seed < 0:
-        raise InputError("--seed", f"is {seed}", "a whole number from 0 on")
-    name = taken_by[type(arguments)]
-    code: int = getattr(modules[name], name)(arguments)
-    return code
+    return taken_by[type(arguments)], arguments
+
+
+def _module(name: str) -> ModuleType:
+    return import_module(f"akm_fg.cli.{_COMMANDS[name]}")
 
 
 class _PrintableLines(logging.Formatter):
