@@ -19,14 +19,21 @@ READY := $(VENV)/.ready
 PIP := $(BIN)/python -m pip --disable-pip-version-check --quiet
 # Byte code is made at first import: compiling all of it takes longer than the tests need.
 INSTALL := $(PIP) install --no-compile
+# Which needs leave to be kept: dozens of tests begin a new process.
+unexport PYTHONDONTWRITEBYTECODE
 
 .PHONY: demo test lint check slow bench test-hardware docs docs-links peer experiments lock clean
 
 demo: $(READY)
 	$(BIN)/akm-fg demo
 
+# In as many processes as there are processors, each with one thread. Four at most: every process
+# loads the libraries and makes its own of what the tests share.
+WORKERS ?= $(shell n=$$(nproc 2>/dev/null || echo 2); echo $$((n < 4 ? n : 4)))
+ONE_THREAD := OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 MKL_NUM_THREADS=1
+
 test: $(READY)
-	$(BIN)/python -m pytest
+	$(ONE_THREAD) $(BIN)/python -m pytest -n $(WORKERS) --dist worksteal --benchmark-disable
 
 lint: $(READY)
 	$(BIN)/ruff check .
@@ -88,7 +95,7 @@ experiments: $(READY) peer
 lock:
 	rm -rf .venv-lock
 	$(PYTHON) -m venv .venv-lock
-	.venv-lock/bin/python -m pip --quiet install "setuptools>=77" ".[sim,test,docs,dev]"
+	.venv-lock/bin/python -m pip --quiet install "setuptools>=77" ".[sim,view,io,realsense,test,docs,dev]"
 	( echo "# Exact versions of everything \`make\` installs (CPython 3.11). Renew with \`make lock\`."; \
 	  .venv-lock/bin/python -m pip freeze --all --exclude akm-fg --exclude pip ) > requirements.lock
 	rm -rf .venv-lock
