@@ -9,7 +9,9 @@ and its target is the same offset in another bin, so 10, 20 or 30 cm or degrees 
 closing. So many of them an object are drawn by the seed. Every object is explored first, camera and
 robot erring as a calibrated rig does, and its model is kept and used for all methods; where
 exploration fails, its tasks are failures. While nobody looks the part is put where a task begins.
-MSR_y is the share of tasks that end within y % of the commanded distance. Rows are written as they
+MSR_y is the share of tasks that end within y % of the commanded distance. What exploration did is
+told by `python -m experiments.exploration --table --suite SUITE --out OUT/exploration`. Rows are
+written as they
 end, and none is run twice. Truth comes from the simulator and is used for scoring alone. About 80 s
 of processor time an object, and 20 s a task.
 """
@@ -35,6 +37,7 @@ from akm_fg.cli.running.run import RunArguments, run_request
 from akm_fg.cli.running.simulated import Ran, run_in_simulator
 from akm_fg.errors import AkmError
 from akm_fg.model.read import FILE
+from experiments.exploration import row_of
 from experiments.pages.tables import markdown, percent
 from experiments.rows.json_lines import append_line, whole_lines
 from experiments.rows.provenance import note_run
@@ -44,6 +47,7 @@ from sim.objects.suites.catalogue import ALL_SUITES, find_suite
 METHODS: dict[str, dict[str, object]] = {"covariance": {}, "blind": {"planner": "blind"}}
 BIN = {"prismatic": 0.10, "revolute": float(np.deg2rad(10.0))}
 BINS = 4
+EXPLORED = "exploration"  # folder of the rows that experiments.exploration --table reads
 TOLERANCE = {"prismatic": "5mm", "revolute": "0.5deg"}  # of MSR_10's smallest: a half
 ERRORS = (AkmError, ArithmeticError, ValueError, RuntimeError)
 
@@ -108,14 +112,23 @@ def tasks_of(name: str, kind: str, seed: int, count: int) -> list[Task]:
 
 
 def model_of(name: str, seed: int, folder: Path) -> Path | None:
-    """The folder of the object's model, explored if that was not done; None where it failed."""
+    """The folder of the object's model, explored if that was not done; None where it failed.
+
+    Its row is kept as `experiments.exploration` has it, beside the folder.
+    """
     kept = folder / name.replace("/", "-") / str(seed)
     done = kept / "done.json"
     if not done.exists():
         kept.mkdir(parents=True, exist_ok=True)
         arguments = ExploreArguments(object=name, seed=seed, rig_errors=True, out=kept)
+        began = time.process_time()
         try:
-            explored = explore_in_simulator(explore_request(arguments))
+            request = explore_request(arguments)
+            explored = explore_in_simulator(request)
+            handles = getattr(request.object.spec(seed), "handles", 1)
+            row = row_of(explored, name, "full", seed, handles, began)
+            rows = folder.parents[1] / EXPLORED / folder.parent.name / "rows.jsonl"
+            append_line(rows, json.dumps(asdict(row)))
             told = {"model": None if explored.model is None else explored.model.parent.name}
             told["failure"] = explored.exploration.failure
         except ERRORS as error:

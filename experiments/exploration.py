@@ -103,12 +103,13 @@ def run_trial(name: str, setting: str, seed: int, folder: Path) -> ExplorationRo
     request = explore_request(arguments)
     explored = explore_in_simulator(request)
     spec = request.object.spec(seed)
-    return _row(explored, name, setting, seed, getattr(spec, "handles", 1), began)
+    return row_of(explored, name, setting, seed, getattr(spec, "handles", 1), began)
 
 
-def _row(
+def row_of(
     explored: Explored, name: str, setting: str, seed: int, handles: int, began: float
 ) -> ExplorationRow:
+    """The row of an exploration that began at this processor time."""
     exploration, truth, measured = explored.exploration, explored.truth, explored.measured
     assert measured is not None and truth is not None
     attempts = exploration.attempts
