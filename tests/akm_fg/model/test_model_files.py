@@ -14,6 +14,7 @@ from akm_fg.errors import InputError, OutputError
 from akm_fg.model.read import read_model
 from akm_fg.model.records import Contact, ModelPart, StateLimits, Surface
 from akm_fg.model.write import set_aside, write_model
+from akm_fg.records import CameraCorrection
 
 
 def test_what_was_written_is_read(door_model, tmp_path: Path) -> None:
@@ -23,12 +24,19 @@ def test_what_was_written_is_read(door_model, tmp_path: Path) -> None:
         limits=StateLimits(-0.01, 1.6, 0.004),
         contacts=(grasp,),
         closed_state=0.002,
-    )
+        correction=CameraCorrection(
+            gtsam.Pose3(gtsam.Rot3.Rz(0.01), np.array([0.01, 0.0, -0.002])),
+            1e-6 * np.eye(6), 0.004, 0.003,
+        ),
+    )  # fmt: skip
     model = replace(door_model, parts=(part,), sources=("a", "b"))
     for place in (write_model(tmp_path, model), tmp_path):
         found = read_model(place)
         (got,) = found.parts
         assert (got.limits, got.closed_state, found.sources) == (part.limits, 0.002, ("a", "b"))
+        assert got.correction.T_world_seen.equals(part.correction.T_world_seen, 1e-12)
+        np.testing.assert_array_equal(got.correction.cov_seen_joint, 1e-6 * np.eye(6))
+        assert (got.correction.length_share, got.correction.length_share_sd) == (0.004, 0.003)
         assert got.posterior.to_dict() == part.posterior.to_dict()
         assert found.camera == model.camera and found.T_world_cam.equals(model.T_world_cam, 1e-12)
         assert got.contacts[0].T_part_grasp.equals(grasp.T_part_grasp, 1e-12)

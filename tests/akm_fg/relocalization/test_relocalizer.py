@@ -11,7 +11,7 @@ from akm_fg.cli.main import main
 from akm_fg.io.recording_writer import write_recording
 from akm_fg.model.build import FittedRecording, build_model
 from akm_fg.model.write import write_model
-from akm_fg.records import Recording
+from akm_fg.records import CameraCorrection, Recording
 from akm_fg.relocalization.relocalizer import Relocalizer
 from akm_fg.stream.seen_so_far import Hand
 
@@ -94,6 +94,42 @@ def test_a_part_that_was_moved_while_nobody_looked_is_noticed_and_found_again(kn
     assert any("found again" in (belief.reason or "") for belief in told) or told[0].seen
     wrong = [b for b in told if b.seen and abs(b.mean - states_of(clip, model)[last]) > 5 * b.sd]
     assert not wrong
+
+
+def test_after_a_long_time_the_part_is_where_it_is_and_no_full_turn_on(known):
+    clip, model = known
+    follower, states = Relocalizer(model), states_of(clip, model)
+    assert_told(follower.update(clip.frames[0]), states[0])
+    # What a rate may have done in a minute spans more than the whole range.
+    assert_told(follower.update(at(clip.frames[1], clip.frames[0].stamp_s + 60.0)), states[1])
+
+
+@pytest.mark.parametrize("share", [0.0, 0.02])
+def test_a_camera_that_is_off_finds_the_part_where_it_sees_it(known, share):
+    clip, model = known
+    # The hand has told that all is 1 cm lower and turned; of a slid part, longer by a share.
+    off = gtsam.Pose3(gtsam.Rot3.Rz(0.01), np.array([0.0, 0.004, -0.01]))
+    part = model.parts[0]
+    joint, best = part.joint, part.posterior.best
+    share = 0.0 if joint.turns else share
+    moved = off * gtsam.Pose3(joint.T_world_joint)
+    wide = replace(
+        joint, joint=replace(joint.joint, T_world_joint=moved.matrix()), cov=100.0 * joint.cov
+    )
+    states = replace(best.states, mean=(1.0 + share) * best.states.mean)
+    kind = replace(best, joint=wide, states=states)
+    posterior = replace(part.posterior, alternatives={str(joint.kind): kind})
+    correction = CameraCorrection(off, joint.cov, share, 0.001)
+    corrected = replace(part, posterior=posterior, correction=correction)
+    assert corrected.seen_joint.joint.T_world_joint == pytest.approx(joint.T_world_joint)
+    told = Relocalizer(replace(model, parts=(corrected,))).update(clip.frames[6])
+    plain = Relocalizer(model).update(clip.frames[6])
+    assert told.mean == pytest.approx((1.0 + share) * plain.mean, rel=1e-6, abs=1e-6)
+    assert told.sd == pytest.approx((1.0 + share) * plain.sd, rel=1e-3)
+    x = part.surface.p_world[0]
+    q = float(states.mean[6])
+    seen = corrected.T_seen_part(q).transformFrom(x)
+    assert seen == pytest.approx(part.T_world_part(float(best.states.mean[6])).transformFrom(x))
 
 
 def test_a_hand_that_holds_carries_the_state_of_a_hidden_part(known):
