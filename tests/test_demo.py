@@ -258,7 +258,7 @@ def test_rig_errors_are_a_flag_whatever_else_a_file_says(tmp_path):
 
 
 def test_a_target_of_the_wrong_unit_is_refused(capfd):
-    assert main(["demo", "--object", "door", "--target", "0.3"]) == 2
+    assert main(["demo", "--contact", "given", "--object", "door", "--target", "0.3"]) == 2
     assert "expected degrees" in capfd.readouterr().err
 
 

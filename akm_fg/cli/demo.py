@@ -104,6 +104,8 @@ def _explored(arguments: DemoArguments, config: DemoConfig | None) -> int:
     from akm_fg.cli.running.run import carried_out, run_request
 
     target = None if arguments.target is None else parse_target(arguments.target)
+    if target is not None and target[0] < 0:
+        raise InputError("--target", f"is {arguments.target}", "an opening from closed, 0 or more")
     require_simulator()
     thing = parse_object(arguments.object, arguments.joint, arguments.scale)
     request = run_request(_as_run(arguments), config, _command(arguments, thing), "demo")

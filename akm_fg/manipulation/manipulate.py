@@ -109,7 +109,7 @@ class Manipulator:
         length_sd = 0.0 if part.correction is None else part.correction.length_share_sd
         self._scale = LengthScale(part.joint.joint, length_sd, self._config.scale)
         self._failed_holds = 0
-        self._short = 0.0  # of where it was sent, by friction: made up for by the next move
+        self._short_m = 0.0  # of where the hand was sent, by friction: the next move makes it up
         self._lost_grasps: list[gtsam.Pose3] = []
         self._frame: RgbdFrame | None = None  # the last from behind the arm
 
@@ -200,17 +200,23 @@ class Manipulator:
         run.rounds += 1
         self._decide("move", _WHY[move.bound], move.q_end, move.foreseen)
         hand = self._arm.T_world_gripper()
-        path = plan_opening(self._part.joint, hand, q, move.q_end + self._short, config.hand)
+        joint = self._part.joint.joint
+        onward = float(np.sign(move.q_end - q))
+        lever = max(float(np.linalg.norm(joint.velocity(hand.translation()))), 1e-3)
+        sent = move.q_end + onward * self._short_m / lever
+        path = plan_opening(self._part.joint, hand, q, sent, config.hand)
         stuck = self._followed(self._arm.follow(path, config.tick_s), float(path.stamps_s[-1]))
         if not self._arm.holding():
             self._hold_otherwise("the grip was lost")
             return
         if stuck:
             self._met_stop(q, move.q_end)
-        after = self._state()
-        if after is not None and move.bound == "target":
-            most = 2.0 * self._goal.tolerance
-            self._short = float(np.clip(self._short + move.q_end - after[0], -most, most))
+        end = path.T_world_gripper[-1].translation()
+        way = joint.velocity(end) * onward
+        left = end - self._arm.T_world_gripper().translation()
+        gap_m = float(way @ left) / max(float(np.linalg.norm(way)), 1e-6)
+        most = 2.0 * self._goal.tolerance * lever
+        self._short_m = float(np.clip(self._short_m + gap_m, 0.0, most))
 
     def _followed(self, motion: Iterator[None], duration_s: float) -> bool:
         """Watch a motion to its end; True where it was ended since the hand did not get on."""

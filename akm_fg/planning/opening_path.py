@@ -51,7 +51,7 @@ def plan_opening(
         limits: of the hand.
 
     Raises:
-        MotionInfeasible: a state that is not finite.
+        MotionInfeasible: a state that is not finite, or no time law within the limits.
     """
     limits = limits or HandLimits()
     if not np.isfinite([q_now, q_target]).all():
@@ -88,7 +88,9 @@ def _timed_states(
     wanted.max_acceleration = [limits.acceleration_m_s2 / limits.speed_m_s / slowness]
     wanted.max_jerk = [limits.jerk_m_s3 / limits.speed_m_s / slowness]
     trajectory = ruckig.Trajectory(1)
-    ruckig.Ruckig(1).calculate(wanted, trajectory)
+    result = ruckig.Ruckig(1).calculate(wanted, trajectory)
+    if result not in (ruckig.Result.Working, ruckig.Result.Finished):
+        raise MotionInfeasible(f"no jerk-limited motion over a state of {distance:.4g}: {result}")
     count = max(int(np.ceil(trajectory.duration / limits.step_s)), 1) + 1
     stamps_s = np.linspace(0.0, max(trajectory.duration, limits.step_s), count)
     q = np.array([trajectory.at_time(float(t))[0][0] for t in stamps_s])

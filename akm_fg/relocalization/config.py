@@ -55,7 +55,7 @@ class MotionConfig:
     rate_sd_m_s: float = 0.05  # of a second of unknown motion: a hand opens at 0.1 m/s
     rate_sd_rad_s: float = 0.2
     damping_s: float = 0.5  # time after which a rate is forgotten
-    hand_m: float = 0.001  # of the hand against the part, a step: pads give
+    hand_m: float = 0.0004  # of the hand against the part, a step: pads give a millimetre in ten
     commanded_share: float = 0.1  # of a commanded way that may not have been gone
 
 

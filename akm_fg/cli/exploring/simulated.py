@@ -16,7 +16,7 @@ from akm_fg.cli.simulated_run import limit_shares, opened_world
 from akm_fg.exploration.explore import explore
 from akm_fg.exploration.explore_json import exploration_as_dict
 from akm_fg.exploration.records import Exploration
-from akm_fg.exploration.remembering import remember
+from akm_fg.exploration.analogy.remembering import remember
 from akm_fg.stages import Stages
 from sim.episode import SimEpisode
 
