@@ -13,10 +13,10 @@ from akm_fg.cli.exploring.scored_recorder import ScoredRecorder
 from akm_fg.cli.exploring.stages import explorer_of, perceiver_of
 from akm_fg.cli.object_argument import ObjectArgument
 from akm_fg.cli.simulated_run import limit_shares, opened_world
+from akm_fg.exploration.analogy.remembering import remember
 from akm_fg.exploration.explore import explore
 from akm_fg.exploration.explore_json import exploration_as_dict
 from akm_fg.exploration.records import Exploration
-from akm_fg.exploration.analogy.remembering import remember
 from akm_fg.stages import Stages
 from sim.episode import SimEpisode
 

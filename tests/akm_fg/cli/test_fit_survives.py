@@ -126,7 +126,7 @@ def test_a_full_disk_is_one_line_that_says_what_was_kept(good: Path, tmp_path: P
 
     def small_disk() -> None:
         resource.setrlimit(
-            resource.RLIMIT_FSIZE, (max(3 * one // 2, 12000), resource.RLIM_INFINITY)
+            resource.RLIMIT_FSIZE, (max(3 * one // 2, 20000), resource.RLIM_INFINITY)
         )
 
     done = _run("fit", *[good] * 4, "--json", out, preexec_fn=small_disk)
@@ -205,8 +205,9 @@ def test_a_log_level_that_is_none_is_one_line(
 
 
 def test_names_cannot_write_to_the_terminal(
-    tmp_path: Path, capfd: pytest.CaptureFixture[str]
+    tmp_path: Path, capfd: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    monkeypatch.setenv("COLUMNS", "300")  # folders of tests have long names
     evil = tmp_path / "a\x1b]0;owned\x07\n.npz"
     evil.write_bytes(b"")
     shown = _write_drawer(tmp_path / "b\x1b[31m.npz")

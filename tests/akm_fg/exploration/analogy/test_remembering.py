@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from akm_fg.exploration.analogy.contacts import ContactMemory
+from akm_fg.exploration.analogy.remembering import opened_at, remember
 from akm_fg.exploration.config import ExploreConfig
 from akm_fg.exploration.perceive import Analogy, Perceiver
-from akm_fg.exploration.analogy.remembering import opened_at, remember
 from tests.akm_fg.exploration.analogy.conftest import ColourFeatures, front, kept
 from tests.akm_fg.exploration.test_attempt import NORMAL, PaperCabinet, explored
 
