@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
-from sklearn.cluster import SpectralClustering
 
 from akm_fg.perception.moving_part.motion_config import MotionSegmentationConfig
 from akm_fg.records import BoolArray, FloatArray, PointTracks
@@ -50,6 +49,8 @@ def spectral_clusters(
 
     One group or two, the likelier part first.
     """
+    from sklearn.cluster import SpectralClustering  # loading it takes longer than a fit of a log
+
     observed = tracks.observed
     index = np.flatnonzero(significant)
     if len(index) > config.spectral_tracks:
