@@ -10,6 +10,7 @@ import numpy as np
 
 from akm_fg.interfaces import ObjectSegmenter, PointTracker, SeenPixels
 from akm_fg.perception.depth.depth_noise import DepthNoiseModel
+from akm_fg.perception.depth.holes import HolesConfig, without_holes
 from akm_fg.perception.depth.measured_noise import MeasuredNoiseConfig, measured_noise
 from akm_fg.perception.depth.object_mask import DepthObjectSegmenter, DepthSegmenterConfig
 from akm_fg.perception.depth.object_now import ObjectNowConfig, object_now
@@ -33,6 +34,7 @@ class ObserveConfig:
 
     noise: DepthNoiseModel = field(default_factory=DepthNoiseModel)
     measured_noise: MeasuredNoiseConfig = field(default_factory=MeasuredNoiseConfig)
+    holes: HolesConfig = field(default_factory=HolesConfig)
     mask: DepthSegmenterConfig = field(default_factory=DepthSegmenterConfig)
     mask_later: ObjectNowConfig = field(default_factory=ObjectNowConfig)
     seeding: SeedingConfig = field(default_factory=SeedingConfig)
@@ -103,11 +105,14 @@ class MotionObserver:
         """
         if self._mask is None:
             noise = measured_noise(frame, self.config.noise, self.config.measured_noise)
+            frame = without_holes(frame, noise, self.config.holes)
             if object_mask is None:
                 segmenter = self._segmenter or DepthObjectSegmenter(self.config.mask, noise)
                 object_mask = segmenter.segment(frame)
             self._believe(noise)
             self._first, self._mask = frame, object_mask
+        else:
+            frame = without_holes(frame, self.config.noise, self.config.holes)
         pixels = self._session.advance(frame)
         if self._schedule.due(len(pixels.index)):
             pixels = self._seeded(frame, object_mask, pixels)

@@ -23,6 +23,7 @@ from akm_fg.records import BoolArray, FloatArray, PinholeCamera, RgbdFrame
 
 Image = NDArray[np.floating]  # (H, W) float32
 Box = tuple[slice, slice]  # rows, columns
+_FARTHEST = np.float32(0.05)  # 1/m; a window whose plane passes behind the camera has no depth
 
 
 @dataclass(frozen=True, slots=True)
@@ -129,6 +130,20 @@ def bounding_box(mask: BoolArray, margin_px: int) -> Box | None:
     return np.s_[low[0] : high[0], low[1] : high[1]]
 
 
+@dataclass(frozen=True, slots=True)
+class PlaneWindows:
+    """A plane of inverse depth around every pixel of a crop (h, w), with or without a reading."""
+
+    inverse_depth: Image  # 1/m, at the pixel's centre
+    slope_u: Image  # d inverse depth / d u, 1/(m px)
+    slope_v: Image
+    readings: Image  # in the window
+    count: Image  # of them on the plane; 0 where these lie on a line
+    beside_px: Image  # from the pixel to their middle
+    plane: BoolArray  # whether it is one: enough readings, near it, and it is not seen edge-on
+    gate: Image  # 1/m, how far a reading may lie off it
+
+
 def _fit(
     z: Image,
     known: BoolArray,
@@ -137,31 +152,54 @@ def _fit(
     config: DepthPlanesConfig,
 ) -> tuple[Image, Image, Image, BoolArray]:
     """Inverse depth, slopes and validity (h, w) of a crop of the depth image."""
+    fit = plane_windows(z, known, camera, noise, config)
+    inverse = 1 / np.where(known, z, np.float32(np.inf))
+    # A flying pixel in front of a plane is not on it.
+    valid = known & fit.plane & (np.abs(inverse - fit.inverse_depth) < fit.gate)
+    return fit.inverse_depth, fit.slope_u, fit.slope_v, valid
+
+
+def plane_windows(
+    z: Image,
+    known: BoolArray,
+    camera: PinholeCamera,
+    noise: DepthNoiseModel,
+    config: DepthPlanesConfig,
+) -> PlaneWindows:
+    """Fit a plane to the readings in a window around every pixel.
+
+    Args:
+        z: (h, w) depth of a crop.
+        known: (h, w) readings to use.
+        camera: of the picture.
+        noise: what a reading may be off.
+        config: tuning.
+    """
     inverse = 1 / np.where(known, z, np.float32(np.inf))
     middle = np.float32(np.median(inverse[known])) if known.any() else np.float32(0)
     offset = np.where(known, inverse - middle, 0)  # small numbers: float32 keeps the residuals
-    safe = np.where(known, z, 1.0)
+    a, _, _, _, readings, _ = _planes(offset, known, config.radius_px)
+    safe = np.where(known, z, 1 / np.maximum(a + middle, _FARTHEST))
     sigma = (noise.sigma_m(safe, camera.fx) / safe**2).astype(np.float32)  # of inverse depth
     per_m = (1 / safe**2).astype(np.float32)
-    a, b, c, _, _ = _planes(offset, known, config.radius_px)
     gate = np.float32(config.gate_sigmas) * sigma + np.float32(config.gate_m) * per_m
     kept = known & (np.abs(offset - a) < gate)
-    a, b, c, mean_square, count = _planes(np.where(kept, offset, 0), kept, config.radius_px)
+    a, b, c, mean_square, count, beside = _planes(np.where(kept, offset, 0), kept, config.radius_px)
     limit = np.float32(config.max_rms_sigmas) * sigma + np.float32(config.max_rms_m) * per_m
     a += middle
-    valid = known & (count >= config.min_share * (2 * config.radius_px + 1) ** 2)
-    valid &= (mean_square < limit**2) & (a > 0)
-    valid &= (b * camera.fx) ** 2 + (c * camera.fy) ** 2 < (config.max_slope * a) ** 2
-    valid &= np.abs(inverse - a) < gate  # a flying pixel in front of a plane is not on it
-    return a, b, c, valid
+    plane = count >= config.min_share * (2 * config.radius_px + 1) ** 2
+    plane &= (mean_square < limit**2) & (a > 0)
+    plane &= (b * camera.fx) ** 2 + (c * camera.fy) ** 2 < (config.max_slope * a) ** 2
+    return PlaneWindows(a, b, c, readings, count, beside, plane, gate)
 
 
 def _planes(
     values: Image, known: BoolArray, radius: int
-) -> tuple[Image, Image, Image, Image, Image]:
+) -> tuple[Image, Image, Image, Image, Image, Image]:
     """Least-squares planes through `values` (0 where not known) in a window around each pixel.
 
-    Returns value and slopes at the middle, mean squared residual, number of readings; (h, w).
+    Returns value and slopes at the middle, mean squared residual, number of readings, and how far
+    from the middle their own middle is, pixels; (h, w).
     """
     one = np.ones(2 * radius + 1, np.float32)
     ramp = np.arange(-radius, radius + 1, dtype=np.float32)
@@ -185,4 +223,5 @@ def _planes(
     b, c = (vv * su - uv * sv) * inverse, (uu * sv - uv * su) * inverse
     a = (s - b * u - c * v) * share
     left = window(values * values, one, one) - s * s * share - b * su - c * sv
-    return a, b, c, np.maximum(left, 0) * share, np.where(solvable, n, 0)
+    beside = np.hypot(u, v) * share
+    return a, b, c, np.maximum(left, 0) * share, np.where(solvable, n, 0), beside

@@ -14,6 +14,7 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
+from numpy.typing import NDArray
 
 from akm_fg.errors import TracksLost
 from akm_fg.perception.depth.depth_noise import DepthNoiseModel
@@ -37,6 +38,7 @@ class DepthSegmenterConfig:
     planes_tried: int = 4  # largest planes looked at: wall, other wall, front, side
     walls: int = 2  # taken away: corners of rooms; a floor seen by a camera on its side
     close_px: int = 5  # holes and cracks up to this width at 640 pixels are closed
+    lost_px: int = 21  # and so are wider ones without depth: three of a camera's lost patches
     min_area: float = 0.002  # of the image; a smaller component is noise
 
 
@@ -90,7 +92,7 @@ class DepthObjectSegmenter:
             raise TracksLost("no object found: the depth image is empty")
         for plane in _background(points, near, config):
             left &= plane.height(p_cam) > near_m
-        mask = _largest_component(left, config)
+        mask = _largest_component(left, np.isnan(p_cam[..., 2]), config)
         if mask.mean() < config.min_area:
             raise TracksLost("no object found: nothing stands out from floor and wall")
         return mask
@@ -221,12 +223,15 @@ def _has_relief(
     return bool(out.mean() > config.min_relief)
 
 
-def _largest_component(left: BoolArray, config: DepthSegmenterConfig) -> BoolArray:
+def _largest_component(
+    left: BoolArray, unknown: BoolArray, config: DepthSegmenterConfig
+) -> BoolArray:
     """The largest connected region after closing cracks, with its holes filled."""
-    width = max(3, round(config.close_px * left.shape[1] / 640)) | 1
-    kernel = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (width, width))
-    opened = cv2.morphologyEx(left.astype(np.uint8), cv2.MORPH_OPEN, kernel)
-    closed = cv2.morphologyEx(opened, cv2.MORPH_CLOSE, kernel)
+    crack, lost = (_disc(px, left.shape[1]) for px in (config.close_px, config.lost_px))
+    opened = cv2.morphologyEx(left.astype(np.uint8), cv2.MORPH_OPEN, crack)
+    closed = cv2.morphologyEx(opened, cv2.MORPH_CLOSE, crack)
+    bridged = cv2.morphologyEx(opened, cv2.MORPH_CLOSE, lost)
+    closed = np.where(unknown, bridged, closed)
     count, labels, stats, _ = cv2.connectedComponentsWithStats(closed, connectivity=4)
     if count < 2:
         return np.zeros_like(left)
@@ -236,3 +241,9 @@ def _largest_component(left: BoolArray, config: DepthSegmenterConfig) -> BoolArr
     filled = np.zeros_like(component)
     cv2.drawContours(filled, outlines, -1, 1, cv2.FILLED)
     return np.asarray(filled > 0)
+
+
+def _disc(width_px: int, columns: int) -> NDArray[np.uint8]:
+    """A disc so many pixels wide at 640 pixels, in an image of so many columns."""
+    width = max(3, round(width_px * columns / 640)) | 1
+    return np.asarray(cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (width, width)), np.uint8)
