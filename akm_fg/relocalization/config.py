@@ -26,6 +26,10 @@ class LikelihoodConfig:
     as_one: float = 4.0  # readings that err together, of the spread points
     least_cosine: float = 0.2
     hidden_m: float = 0.02  # a point so far behind another surface of the model is hidden by it
+    coloured: int = 3000  # points of the surface whose colours are compared
+    least_coloured: int = 200
+    coloured_as_one: float = 8.0  # whose greys err together: voxels and pixels of half a centimetre
+    blur_px: float = 1.0  # of the image: a voxel's colour is the mean of its readings
     hidden_cell_px: int = 8  # of the depth buffer that says so
 
 
@@ -72,4 +76,9 @@ class RelocalizationConfig:
     patience: int = 3  # frames that contradict the belief before it is given up
     shared_m: float = 0.0005  # of the surface and a frame's depth, that all readings share
     sure: float = 0.99  # probability of one hypothesis from which the others are let go
-    least_along: float = 0.05  # of the points' way along their normals: with less GN is open
+    # Of the points' way along their normals: with less the part slides along its own surface, and
+    # its outline tells more than its depth.
+    outline_along: float = 0.35
+    outline_reaches_m: tuple[float, ...] = (0.06, 0.012)  # about the state that depth tells
+    outline_states: int = 17
+    outline_px: float = 0.35  # of a pixel's width: edges of depth are fattened by so much

@@ -16,7 +16,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import cv2
 import numpy as np
+from numpy.typing import NDArray
 
 from akm_fg.model.records import ModelPart, Surface
 from akm_fg.perception.depth.depth_noise import DepthNoiseModel
@@ -53,12 +55,91 @@ class StateLikelihood:
         x = part.surface.p_world[chosen] @ R.T + t
         normal = part.surface.normal_world[chosen] @ R.T
         self.surface = KnownSurface(joint, x, normal)
+        many = spread(part.surface.p_world, config.coloured)
+        self._coloured = KnownSurface(
+            joint,
+            part.surface.p_world[many] @ R.T + t,
+            part.surface.normal_world[many] @ R.T,
+        )
+        self._grey = part.surface.rgb[many].astype(float).mean(axis=1)
+        self._last: tuple[RgbdFrame, NDArray[np.float32]] | None = None  # asked about many times
         self._static = static.p_world[spread(static.p_world, config.static_points)]
+
+    @property
+    def slides_along_itself(self) -> float:
+        """Of the points' way, rms, the share along their normals: depth tells a state by that."""
+        x, normal = self.surface.moved(0.0)
+        way = self.surface.joint.velocity(x)
+        along = (way * normal).sum(axis=1)
+        return float(np.sqrt((along**2).mean() / max(float((way**2).sum(axis=1).mean()), 1e-12)))
 
     def log_odds(self, frame: RgbdFrame, noise: DepthNoiseModel, q: FloatArray) -> FloatArray:
         """(Q,) evidence for each state, nats, against a scene without the part."""
         buffer = self._static_depth(frame)
         return np.array([self._of_state(frame, noise, float(state), buffer) for state in q])
+
+    def together(self, frame: RgbdFrame, noise: DepthNoiseModel, q: FloatArray) -> FloatArray:
+        """(Q,) evidence for neighbouring states, nats, by the points that all of them show.
+
+        A state that shows more of the part gains nothing by that.
+        """
+        buffer = self._static_depth(frame)
+        told = [self._by_point(frame, noise, float(state), buffer) for state in q]
+        shared = np.all([used for _, used in told], axis=0)
+        depth = np.array([odds[shared].sum() for odds, _ in told]) / self.config.as_one
+        return depth + self._looks_alike(frame, q)
+
+    def colours(self, frame: RgbdFrame, q: FloatArray) -> FloatArray:
+        """(Q,) what colours say for states anywhere, nats, each by the points that it shows."""
+        evidence = np.zeros(len(q))
+        for k, state in enumerate(q):
+            grey, seen = self._greys(frame, float(state))
+            if seen.sum() >= self.config.least_coloured:
+                r = np.array(_correlation(grey[seen], self._grey[seen]))
+                evidence[k] = self._of_correlation(r, int(seen.sum()))
+        return evidence
+
+    def _looks_alike(self, frame: RgbdFrame, q: FloatArray) -> FloatArray:
+        """(Q,) what colours say for neighbouring states, nats, by the points that all show."""
+        told = [self._greys(frame, float(state)) for state in q]
+        seen = np.all([shown for _, shown in told], axis=0)
+        if seen.sum() < self.config.least_coloured:
+            return np.zeros(len(q))
+        r = [_correlation(grey[seen], self._grey[seen]) for grey, _ in told]
+        return self._of_correlation(np.array(r), int(seen.sum()))
+
+    def _of_correlation(self, r: FloatArray, n: int) -> FloatArray:
+        """Evidence of correlations over n points, nats.
+
+        The image's grey at the points is the surface's up to scale, offset and Gaussian noise: the
+        profile likelihood is (1 - r^2)^(-n / 2).
+        """
+        independent = n / self.config.coloured_as_one
+        alike = np.clip(r, 0.0, 0.999)
+        return np.asarray(-0.5 * independent * np.log(1.0 - alike**2))
+
+    def _greys(self, frame: RgbdFrame, q: float) -> tuple[FloatArray, BoolArray]:
+        """(N,) the image's grey at the surface's points, and which of them it shows."""
+        c, T = self.config, frame.T_world_cam
+        x, normal = self._coloured.moved(q)
+        p_cam = (x - T.translation()) @ T.rotation().matrix()
+        uv = np.nan_to_num(frame.camera.project(p_cam), nan=-1.0)
+        inside = (uv >= 0).all(axis=1) & (uv[:, 0] < frame.camera.width - 1)
+        inside &= uv[:, 1] < frame.camera.height - 1
+        at = np.where(inside[:, None], uv, 0.0).astype(np.float32)
+        z = frame.depth_m[at[:, 1].astype(int), at[:, 0].astype(int)]
+        # What stands before the part, and the robot, have other colours.
+        near = np.abs(np.nan_to_num(z, nan=-1.0) - p_cam[:, 2]) < c.hidden_m
+        turned = ((T.translation() - x) * normal).sum(axis=1) > 0.0
+        # Columns and rows apart: the pair in one array is for OpenCV alone to understand.
+        grey = cv2.remap(self._blurred(frame), at[:, :1], at[:, 1:], cv2.INTER_LINEAR)[:, 0]
+        return grey.astype(float), np.asarray(inside & near & turned)
+
+    def _blurred(self, frame: RgbdFrame) -> NDArray[np.float32]:
+        if self._last is None or self._last[0] is not frame:
+            soft = cv2.GaussianBlur(frame.rgb, (0, 0), self.config.blur_px)
+            self._last = frame, soft.astype(np.float32).mean(axis=2)
+        return self._last[1]
 
     def shares(self, frame: RgbdFrame, noise: DepthNoiseModel, q: float) -> Shares:
         """What the readings say of a state, point by point."""
@@ -83,17 +164,21 @@ class StateLikelihood:
     def _of_state(
         self, frame: RgbdFrame, noise: DepthNoiseModel, q: float, buffer: FloatArray
     ) -> float:
+        odds, used = self._by_point(frame, noise, q, buffer)
+        return float(odds[used].sum()) / self.config.as_one
+
+    def _by_point(
+        self, frame: RgbdFrame, noise: DepthNoiseModel, q: float, buffer: FloatArray
+    ) -> tuple[FloatArray, BoolArray]:
+        """(S,) evidence of each point's reading, nats, and whether it is one."""
         c = self.config
         x, normal = self.surface.moved(q)
         read = readings(frame, noise, x, normal, c.least_cosine)
         used = read.seen & self._before(frame, x, normal, buffer)
-        if not used.any():
-            return 0.0
-        e = read.off_m[used]
-        s = np.hypot(read.sigma_m[used], c.model_m)
+        e, s = read.off_m, np.hypot(read.sigma_m, c.model_m)
         on = c.on * np.exp(-0.5 * (e / s) ** 2) / (s * np.sqrt(2.0 * np.pi))
         other = np.where(e > 0.0, c.before, c.behind) / c.depth_range_m
-        return float(np.log(2.0 * c.depth_range_m * (on + other)).sum()) / c.as_one
+        return np.log(2.0 * c.depth_range_m * (on + other)), used
 
     def _before(
         self, frame: RgbdFrame, x: FloatArray, normal: FloatArray, buffer: FloatArray
@@ -111,6 +196,12 @@ class StateLikelihood:
         T = frame.T_world_cam
         p_cam = (self._static - T.translation()) @ T.rotation().matrix()
         return _depth_buffer(frame, p_cam, self.config.hidden_cell_px)
+
+
+def _correlation(one: FloatArray, other: FloatArray) -> float:
+    a, b = one - one.mean(), other - other.mean()
+    scale = float(np.sqrt((a @ a) * (b @ b)))
+    return float(a @ b) / scale if scale > 0.0 else 0.0
 
 
 def spread(p_world: FloatArray, most: int) -> np.ndarray:

@@ -137,7 +137,7 @@ class Relocalizer:
         if odds.max() < c.search.least_log_odds:
             reason = self._lost_because or "the part is not seen at any state"
             return self._nothing(frame, reason)
-        self._grid.update(odds)
+        self._grid.update(odds + self._colours(frame, self._grid.states))
         found = self._hypotheses(frame)
         if found.q.size == 0:
             return self._nothing(frame, "no state explains the surface that is seen")
@@ -174,10 +174,12 @@ class Relocalizer:
         ]
         if not told:
             return Hypotheses(np.zeros(0), np.zeros(0), np.zeros(0))
-        odds = self._likelihood.log_odds(frame, self._noise, np.array([end.q for end, _ in told]))
+        there = np.array([end.q for end, _ in told])
+        odds = self._likelihood.log_odds(frame, self._noise, there) + self._colours(frame, there)
         prior = np.log(np.interp([at for _, at in told], q, p))
         # The grid's own look at this frame is in its probabilities: peaks count it once.
-        own = self._likelihood.log_odds(frame, self._noise, np.array([at for _, at in told]))
+        begun = np.array([at for _, at in told])
+        own = self._likelihood.log_odds(frame, self._noise, begun) + self._colours(frame, begun)
         score = prior - own + odds
         for k in np.argsort(-score):
             end = told[k][0]
@@ -190,6 +192,12 @@ class Relocalizer:
         rest = float(np.clip(1.0 - self._near(np.array([f[0] for f in found]), step), 0.0, 1.0))
         weights = weights / weights.sum() * (1.0 - rest)
         return Hypotheses(np.array([f[0] for f in found]), np.array([f[1] for f in found]), weights)
+
+    def _colours(self, frame: RgbdFrame, states: FloatArray) -> FloatArray:
+        """(Q,) what colours say, nats, of a part whose depth is alike at many states."""
+        if self._likelihood.slides_along_itself >= self.config.outline_along:
+            return np.zeros(len(states))
+        return self._likelihood.colours(frame, states)
 
     def _fits(self, frame: RgbdFrame, q: float) -> bool:
         """Whether what is seen at a state is the part, as far as nothing stands in the way."""
@@ -278,10 +286,33 @@ class Relocalizer:
         share = float(good.sum()) / max(int(shown.sum()), 1)
         if share < c.least_found or good.sum() < 10:
             return None
-        if found.along_m < c.least_along * surface.metres_per_unit(found.q):
-            return None
+        per_unit = surface.metres_per_unit(found.q)
+        if found.along_m < c.outline_along * per_unit:
+            return self._by_outline(frame, found.q, share)
         variance = c.likelihood.as_one / found.information + (c.shared_m / found.along_m) ** 2
         return _Measured(found.q, variance, share)
+
+    def _by_outline(self, frame: RgbdFrame, q: float, share: float) -> _Measured:
+        """The state of a part that slides along its own surface: where that begins and ends tells.
+
+        Mean and variance of the depth's evidence for states about the one that was found. Outlines
+        are no sharper than a share of a pixel, by the same in all readings.
+        """
+        c, surface = self.config, self._likelihood.surface
+        per_unit = surface.metres_per_unit(q)
+        mean, spread = q, 0.0
+        for reach_m in c.outline_reaches_m:
+            reach = reach_m / per_unit
+            states = mean + np.linspace(-reach, reach, c.outline_states)
+            odds = self._likelihood.together(frame, self._noise, states)
+            weight = np.exp(odds - odds.max())
+            weight = weight / weight.sum()
+            mean = float(weight @ states)
+            spread = float(weight @ (states - mean) ** 2)
+        T = frame.T_world_cam
+        depth = (surface.moved(mean)[0] - T.translation()) @ T.rotation().matrix()[:, 2]
+        pixel = float(np.median(depth)) / frame.camera.fx / per_unit
+        return _Measured(mean, spread + (c.outline_px * pixel) ** 2, share)
 
     def _against_belief(self, frame: RgbdFrame, q: float) -> str | None:
         """Why a part that is not found where it is believed is not just hidden; None: it may be."""
