@@ -3,9 +3,10 @@
 Floor and walls are large planes with nothing behind them: everything else that is seen lies on the
 camera's side. Any may be missing. A cabinet's own front is a large plane too: it is kept, because
 floor, wall or another of its faces are seen behind it; where none is, because nothing but a handle
-stands out from it. All is judged in the camera's axes, so that the same image gives the same
-object whatever the world's axes are. A plane that faces the image's upper edge may be a floor,
-from which little need stand out: what is up in the world is not asked for.
+stands out from it and no front is as long as a wall. All is judged in the camera's axes, so that
+the same image gives the same object whatever the world's axes are. A plane that faces the image's
+upper edge may be a floor, from which little need stand out: what is up in the world is not asked
+for.
 """
 
 from __future__ import annotations
@@ -35,6 +36,7 @@ class DepthSegmenterConfig:
     max_beyond: float = 0.01  # of all points: flying pixels behind a wall or under a floor
     min_relief: float = 0.02  # of all points that stand out from a wall: more than a handle does
     relief_m: float = 0.08  # how far they stand out at least: handles reach 4 to 6 cm
+    front_m: float = 2.8  # no front is longer: a wall, however little of the picture stands out
     planes_tried: int = 4  # largest planes looked at: wall, other wall, front, side
     walls: int = 2  # taken away: corners of rooms; a floor seen by a camera on its side
     close_px: int = 5  # holes and cracks up to this width at 640 pixels are closed
@@ -140,7 +142,9 @@ def _background(points: FloatArray, near: FloatArray, config: DepthSegmenterConf
         taken = 0
         for plane in behind:
             if taken < (1 if floor else config.walls) and (
-                floor or _has_relief(plane, points, rest, config)
+                floor
+                or _has_relief(plane, points, rest, config)
+                or _length_m(points[rest & (np.abs(plane.height(points)) < near)]) > config.front_m
             ):
                 found.append(plane)
                 rest &= plane.height(points) > near
@@ -221,6 +225,16 @@ def _has_relief(
     """Whether more than a handle stands out from the plane (what was taken already apart)."""
     out = rest & (plane.height(points) > config.relief_m)
     return bool(out.mean() > config.min_relief)
+
+
+def _length_m(points: FloatArray) -> float:
+    """How long the points (N, 3) of a plane reach, a few strays apart; 0 without any."""
+    if len(points) < 3:
+        return 0.0
+    off = points - points.mean(axis=0)
+    along = off @ np.linalg.svd(off.T @ off)[0][:, 0]
+    low, high = np.quantile(along, (0.02, 0.98))
+    return float(high - low)
 
 
 def _largest_component(
