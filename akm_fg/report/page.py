@@ -1,4 +1,4 @@
-"""Puts a run on one self-contained page: no scripts, no network, no other files.
+"""Puts a run on one self-contained page: no network, no other files, scripts at most in a view.
 
 The page is `templates/page.html` with its `style.css`; Jinja2 escapes all that is put in but the
 plots, which are made here. This module says what is put in, as plain text.
@@ -51,6 +51,7 @@ def render_page(
     config: OverlayConfig | None = None,
     drawn: Sequence[Picture] | None = None,
     introduction: Markup | None = None,
+    view: Markup | None = None,
 ) -> str:
     """The report as HTML.
 
@@ -59,6 +60,7 @@ def render_page(
         config: of what is drawn into the pictures.
         drawn: the pictures, where they were drawn already.
         introduction: HTML that goes before them.
+        view: HTML that shows the object in three dimensions.
     """
     config = config or OverlayConfig()
     if drawn is None:
@@ -70,6 +72,7 @@ def render_page(
         verdict_class=_VERDICT_CLASS.get(summary.verdict, ""),
         verdict=verdict(summary),
         introduction=introduction,
+        view=view,
         warnings=() if posterior is None else posterior.fit.warnings,
         legend=_legend(summary, config),
         pictures=drawn,

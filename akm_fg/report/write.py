@@ -21,6 +21,7 @@ def write_report(
     config: OverlayConfig | None = None,
     drawn: Sequence[Picture] | None = None,
     introduction: Markup | None = None,
+    view: Markup | None = None,
 ) -> None:
     """Write one self-contained HTML file, whole or not at all; makes the folder it goes to.
 
@@ -30,6 +31,7 @@ def write_report(
         config: of what is drawn into the pictures.
         drawn: the pictures, where they were drawn already.
         introduction: HTML that goes before them.
+        view: HTML that shows the object in three dimensions.
 
     Raises:
         OutputError: the file cannot be written there.
@@ -41,4 +43,5 @@ def write_report(
         path.parent.mkdir(parents=True, exist_ok=True)
     except OSError as e:
         raise OutputError(f"{path.parent}: cannot be made ({e.strerror})") from e
-    replace_file(path, render_page(summary, config, drawn, introduction).encode("utf-8"))
+    page = render_page(summary, config, drawn, introduction, view)
+    replace_file(path, page.encode("utf-8"))

@@ -17,7 +17,7 @@ from factors.joint import Unit
 _AXIS_HALF_M = 0.4  # drawn to either side of the pivot: about the size of furniture
 _RING = 32  # corners of the cone's cross-sections
 _RINGS = 17
-_MOST_POINTS = 60_000  # of a cloud: a page stays below 5 MB
+MOST_POINTS = 60_000  # of a cloud: a page stays below 5 MB
 _MOST_TRACKS = 300
 _PALER, _PALE = 0.4, 225.0  # what rests, so that the part stands out
 
@@ -123,42 +123,52 @@ class Contents:
             yield int(t), last.tolist()
 
 
-def contents_of(model: ObjectModel, title: str, observed: ObservedMotion | None = None) -> Contents:
+def contents_of(
+    model: ObjectModel,
+    title: str,
+    observed: ObservedMotion | None = None,
+    most_points: int = MOST_POINTS,
+) -> Contents:
     """What there is to see.
 
     Args:
         model: of the object.
         title: of the page.
         observed: tracks of the recording, where it was just fitted.
+        most_points: of each cloud.
     """
     rng = np.random.default_rng(0)
     tracks = None if observed is None else _tracks(observed, rng)
     return Contents(
         title,
-        _cloud(model.static, rng, _PALER),
-        tuple(_moving(part, rng) for part in model.parts),
+        _cloud(model.static, rng, most_points, _PALER),
+        tuple(_moving(part, rng, most_points) for part in model.parts),
         np.asarray(model.T_world_cam.translation()),
         tracks,
     )
 
 
-def _cloud(surface: Surface, rng: np.random.Generator, paler: float = 0.0) -> Cloud:
+def _cloud(
+    surface: Surface, rng: np.random.Generator, most_points: int, paler: float = 0.0
+) -> Cloud:
     """Not too many of its points; `paler` is the share of light gray."""
     chosen = np.arange(len(surface))
-    if chosen.size > _MOST_POINTS:
-        chosen = np.sort(rng.choice(chosen, _MOST_POINTS, replace=False))
+    if chosen.size > most_points:
+        chosen = np.sort(rng.choice(chosen, most_points, replace=False))
     rgb = (1 - paler) * surface.rgb[chosen] + paler * _PALE
     return Cloud(surface.p_world[chosen], np.rint(rgb).astype(np.uint8))
 
 
-def _moving(part: ModelPart, rng: np.random.Generator) -> MovingPart:
+def _moving(part: ModelPart, rng: np.random.Generator, most_points: int) -> MovingPart:
     states = part.states
     q = np.array([part.closed_state]) if states is None else states.mean
     sd = np.zeros(1) if states is None else states.sd
     kind, *lines = part.posterior.summary().splitlines()
     kind = kind.removeprefix(f"{part.posterior.name}: ")
     words = [kind, *(line for line in lines if not line.startswith(("note", "state")))]
-    return MovingPart(part, _cloud(part.surface, rng), axis_cone(part), q, sd, tuple(words))
+    return MovingPart(
+        part, _cloud(part.surface, rng, most_points), axis_cone(part), q, sd, tuple(words)
+    )
 
 
 def axis_cone(part: ModelPart) -> AxisCone:

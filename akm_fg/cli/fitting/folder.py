@@ -19,12 +19,14 @@ from akm_fg.io.png import replace_file
 from akm_fg.io.posteriors.posterior_json import posterior_as_line
 from akm_fg.io.tracks import TracksInput
 from akm_fg.model.build import FittedRecording, build_model
+from akm_fg.model.records import ObjectModel
 from akm_fg.model.write import set_aside, write_model
 from akm_fg.pipeline import InputFit
 from akm_fg.records import Recording
 from akm_fg.report.pictures import pictures, shown_frames
 from akm_fg.report.summary import PartTracks, PointPaths, RunSummary
 from akm_fg.report.write import write_report
+from akm_fg.view.embedded import embedded_view
 
 log = logging.getLogger(__name__)
 
@@ -79,12 +81,15 @@ def write_folder(
         drawn = pictures(summary, config.overlay)
         for frame, picture in zip(shown_frames(summary), drawn, strict=True):
             replace_file(folder / "pictures" / f"{frame:06d}.jpg", picture.jpeg)
-    write_report(folder / "report.html", summary, config.overlay, drawn)
+    model = None
     if isinstance(data, Recording) and fit.observed is not None:
-        _write_model(folder, FittedRecording(data, fit.observed, fit.posterior), config)
+        fitted = FittedRecording(data, fit.observed, fit.posterior)
+        model = _write_model(folder, fitted, config)
+    view = None if model is None else embedded_view(model, summary.title)
+    write_report(folder / "report.html", summary, config.overlay, drawn, view=view)
 
 
-def _write_model(folder: Path, fitted: FittedRecording, config: AkmConfig) -> None:
+def _write_model(folder: Path, fitted: FittedRecording, config: AkmConfig) -> ObjectModel | None:
     """The object's model, where the answer suffices for one; else the log says why there is none.
 
     An older one of the same folder is kept under another name, and none stays that is not of it.
@@ -99,8 +104,9 @@ def _write_model(folder: Path, fitted: FittedRecording, config: AkmConfig) -> No
     except InsufficientData as error:
         log.warning("no model.json: %s", error)
         set_aside(folder)
-    else:
-        write_model(folder, model)
+        return None
+    write_model(folder, model)
+    return model
 
 
 def _summary(data: FitInput, fit: InputFit, seed: int, command: str) -> RunSummary:

@@ -41,6 +41,7 @@ def test_a_recording_leaves_a_page_with_pictures(
     assert f"akm-fg fit {tmp_path / 'door'} --seed 0" in page and "moving part" in page
     assert cv2.imread(str(min((out / "pictures").glob("*.jpg")))) is not None
     assert (out / "config.toml").exists()
+    assert "In three dimensions" in page and ("<iframe" in page or "install akm-fg[view]" in page)
     model = read_model(out)
     assert model.sources == (str(tmp_path / "door"),)
     assert model.parts[0].posterior.to_dict() == posterior

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import html
 import json
 import re
 import shutil
 import subprocess
+import sys
 import urllib.request
 from dataclasses import replace
 from pathlib import Path
@@ -85,6 +87,29 @@ def test_the_file_asks_for_nothing_from_elsewhere(page: str) -> None:
     assert "__VISER_EMBED_DATA__" in page
     assert "a &lt;door&gt;" in page and "a <door>" not in page
     assert len(page) < 8e6
+
+
+def test_a_small_one_stands_in_a_report_whole_and_folded(door_model) -> None:
+    pytest.importorskip("viser")
+    from akm_fg.view.embedded import embedded_view
+
+    view = embedded_view(door_model, "a <door>")
+    inside = re.fullmatch(
+        r"<details .*?loading='lazy' srcdoc=\"([^\"]*)\"></iframe></details>", view
+    )
+    assert inside is not None and "<door>" not in view and len(view) < 3e6
+    page = html.unescape(inside[1])
+    assert "__VISER_EMBED_DATA__" in page
+    assert re.findall(r"""(?:src|href)\s*=\s*["']?(?:https?:)?//[^"'> ]+""", page) == []
+
+
+def test_without_viser_a_report_says_how_to_get_it(
+    door_model, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from akm_fg.view.embedded import embedded_view
+
+    monkeypatch.setitem(sys.modules, "viser", None)
+    assert "needs viser; install akm-fg[view]" in embedded_view(door_model, "door")
 
 
 @pytest.mark.slow
