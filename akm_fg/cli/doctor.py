@@ -8,11 +8,17 @@ import json as json_module
 import platform
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
 
 from akm_fg.cli.console.lines import console
 from akm_fg.cli.exit_codes import BAD_INPUT, DONE
 from akm_fg.cli.output import json_output, write_line
+from akm_fg.cli.requirements import require_arm
 from akm_fg.errors import AkmError
+
+if TYPE_CHECKING:
+    from akm_fg.hardware.check import RigCheck
 
 
 @dataclass(frozen=True)
@@ -27,6 +33,14 @@ class DoctorArguments:
     """Write the findings to this file; - is standard output (no table then)."""
     seed: int = 0
     """Not used: nothing here is random."""
+    hardware: bool = False
+    """Look at a real rig too, without moving it: packages, and what the flags below name."""
+    robot: str | None = None
+    """With --hardware: address of a Franka: control rate, joints, hand."""
+    calibration: Path | None = None
+    """With --hardware: what akm-fg calibrate --json wrote: its age; the camera and its view."""
+    floor: float = 0.0
+    """With --hardware: height of the floor or table top above the robot's base, m."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,7 +87,8 @@ PACKAGES = (
     Package("rosbags", "rosbags.highlevel", "ROS bags and MCAP (extra: io)", True),
     Package("av", "av", "video (extra: io)", True),
     Package("pyliblzfse", "liblzfse", "Record3D (extra: io)", True),
-    Package("pyrealsense2", "pyrealsense2", "RealSense files (extra: realsense)", True),
+    Package("pyrealsense2", "pyrealsense2", "RealSense files, cameras (extra: realsense)", True),
+    Package("franky-control", "franky", "a real Franka (extra: hardware)", True),
 )
 # Other names under which the same package is published.
 BUILDS = {"open3d": ("open3d-cpu",)}
@@ -139,6 +154,7 @@ def doctor(arguments: DoctorArguments, packages: Sequence[Package] = PACKAGES) -
     """Run the command; `packages` are those to look for."""
     findings = [examine(package) for package in packages]
     drawn_by, described_by = renderer(), arm_description()
+    rig = _rig(arguments) if arguments.hardware else []
     with json_output(arguments.json) as stream:
         if stream is not None:
             report = {
@@ -149,10 +165,34 @@ def doctor(arguments: DoctorArguments, packages: Sequence[Package] = PACKAGES) -
                 "renderer": drawn_by,
                 "arm_description": described_by,
             }
+            if arguments.hardware:
+                report["hardware"] = [asdict(check) for check in rig]
             write_line(stream, json_module.dumps(report))
     if arguments.json != "-":
         _print(findings, drawn_by, described_by)
-    return BAD_INPUT if any(f.problem and not f.optional for f in findings) else DONE
+        _print_rig(rig)
+    missing = any(f.problem and not f.optional for f in findings)
+    unfit = any(check.state == "problem" for check in rig)
+    return BAD_INPUT if missing or unfit else DONE
+
+
+def _rig(arguments: DoctorArguments) -> list[RigCheck]:
+    """What is found of a real rig.
+
+    Raises:
+        MissingDependency: what plans for an arm is not installed.
+    """
+    require_arm()
+    from akm_fg.hardware.check import check_rig
+
+    return list(check_rig(arguments.robot, arguments.calibration, arguments.floor))
+
+
+def _print_rig(rig: Sequence[RigCheck]) -> None:
+    out = console()
+    for check in rig:
+        line = f"{check.state:8s} {check.name}: {check.words}"
+        out.print(line, markup=False, soft_wrap=True, highlight=False)
 
 
 def _print(findings: list[Finding], drawn_by: str, described_by: str) -> None:

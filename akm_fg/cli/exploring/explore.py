@@ -6,7 +6,6 @@ import json as json_module
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, TypeVar
 
@@ -14,7 +13,8 @@ from akm_fg.cli.demo import make_run_folder, require_simulator
 from akm_fg.cli.exit_codes import DONE, GOAL_NOT_REACHED, INTERRUPTED
 from akm_fg.cli.object_argument import parse_object
 from akm_fg.cli.output import json_output, write_line
-from akm_fg.errors import InputError, MissingDependency
+from akm_fg.cli.requirements import require_arm
+from akm_fg.errors import InputError
 
 TURNS_RAD = 0.8  # of a hand on what it holds, beyond which it does not hold it
 ASLANT_RAD = 0.8  # of the hand that feels for a handle: depth errs along the camera's look
@@ -156,10 +156,7 @@ def _simulated(
 
 
 def _on_robot(arguments: ExploreArguments) -> tuple[RobotRequest, Callable[[], Explored]]:
-    absent = [m for m in ("pinocchio", "pink", "ompl") if find_spec(m) is None]
-    if absent:
-        needs = f"a robot arm needs {' and '.join(absent)}"
-        raise MissingDependency(f"{needs}; install akm-fg[hardware]")
+    require_arm()
     from akm_fg.cli.exploring.robot_request import refuse_what_is_simulated, robot_request
 
     refuse_what_is_simulated(arguments)
