@@ -7,7 +7,7 @@ ends a motion early, the caller's own error too, leaves the arm at rest.
 
 from __future__ import annotations
 
-from collections.abc import Generator, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from types import TracebackType
 
 import gtsam
@@ -19,14 +19,13 @@ from akm_fg.arm.motion.reaching import standoff
 from akm_fg.arm.motion.reference import pose_reference
 from akm_fg.arm.motion.tracking import PathTracker
 from akm_fg.errors import ArmStopped, GraspFailed
-from akm_fg.hardware.franka.compliance import Law, SpringOfWrench
-from akm_fg.hardware.franka.config import ReflexConfig, SpringConfig
+from akm_fg.hardware.franka.compliance import SpringOfWrench
 from akm_fg.hardware.franka.control import HandControl
+from akm_fg.hardware.franka.guarded import GuardedHand
 from akm_fg.hardware.franka.hand_frame import checked_hand
 from akm_fg.hardware.franka.legs import leg_limits
 from akm_fg.hardware.franka.link import FrankaLink
-from akm_fg.hardware.franka.planning import ArmPlanner, PlannedGrasp
-from akm_fg.hardware.franka.straight import StraightLine, off_by
+from akm_fg.hardware.franka.planning import ArmPlanner
 from akm_fg.records import FloatArray, RgbdFrame, TimedPath
 
 
@@ -46,7 +45,7 @@ class FrankaArm:
         self.config, self._planner = planner.config, planner
         self._link = FrankaLink(host, self.config)
         self._closed = False
-        self._running: Generator[None] | None = None  # a compliant motion
+        self._eye_world: FloatArray | None = None  # of the camera that took what was seen
 
     def __enter__(self) -> FrankaArm:
         """Connects, and compares the robot with its description.
@@ -59,7 +58,8 @@ class FrankaArm:
             self._planner.q_limits = self._link.joint_limits()
             T_ee_gripper = checked_hand(self._link.state(), self._planner.kinematics, self.config)
             kinematics = FrankaKinematics(description=self._planner.description)
-            self._control = HandControl(self._link, kinematics, T_ee_gripper, self.config)
+            control = HandControl(self._link, kinematics, T_ee_gripper, self.config)
+            self._hand = GuardedHand(control, self._planner.kinematics)
         except BaseException:
             self._link.__exit__(None, None, None)
             raise
@@ -93,6 +93,7 @@ class FrankaArm:
         The frame is of this moment, the robot's own pixels carry no depth.
         """
         self._planner.scene.see(frame, self.measured_joints()[0])
+        self._eye_world = frame.T_world_cam.translation()
 
     def masked(self, frame: RgbdFrame) -> RgbdFrame:
         """The frame without this arm, which is where it was when the frame was taken."""
@@ -125,7 +126,8 @@ class FrankaArm:
         """Let go, move to the pre-grasp, approach along the gripper's z, close the fingers.
 
         With `feel_m`, the grasp's depth is only known to so much: the hand goes on by as far until
-        something stops it, which may be as far before the grasp, and closes a little behind. Of the
+        something stops it, which may be as far before the grasp, and closes a little behind. It
+        goes as the camera looked, along which depth errs, as far as `aslant_rad` allows. Of the
         ways to get there the one is taken from which the hand gets farthest along `onward`.
 
         Raises:
@@ -139,12 +141,14 @@ class FrankaArm:
         yield from self._release(tick_s)
         planned = self._planner.grasp(T_world_grasp, self.measured_joints()[0], onward)
         yield from self._along(planned.waypoints, tick_s)
-        yield from self._approach(T_world_grasp, planned, feel_m, tick_s)
+        yield from self._hand.approach(
+            T_world_grasp, planned.choice, feel_m, self._eye_world, tick_s
+        )
         c = self.config
-        self._expect(c.held_reflex)
+        self._hand.expect(c.held_reflex)
         self._closed = True
         self._link.close_fingers()
-        yield from self._control.hold(c.stiff, c.grasp.patience_s, tick_s)
+        yield from self._hand.control.hold(c.stiff, c.grasp.patience_s, tick_s)
         if not self.holding():
             raise GraspFailed("the fingers met with nothing between them")
 
@@ -180,7 +184,7 @@ class FrankaArm:
         law = Pull(direction_world, distance_m, start, self.config.pull)
         spring = self.config.pulling
         inner = SpringOfWrench(law, spring, self.config.period_s)
-        yield from self._held(inner, spring, tick_s)
+        yield from self._hand.held(inner, spring, tick_s)
 
     def relax(self, tick_s: float) -> Iterator[None]:
         """After a motion that was not iterated to its end: come to rest, and let the force fade.
@@ -188,7 +192,7 @@ class FrankaArm:
         Raises:
             ArmStopped: as `grasp`.
         """
-        self._rest()
+        self._hand.rest()
         yield from ()
 
     def follow(self, path: TimedPath, tick_s: float) -> Iterator[None]:
@@ -205,7 +209,7 @@ class FrankaArm:
         start = self.T_world_gripper().matrix()
         reference = pose_reference(slower, start, c.period_s, c.reference.blend_s)
         inner = SpringOfWrench(PathTracker(reference, c.track), c.following, c.period_s)
-        yield from self._held(inner, c.following, tick_s)
+        yield from self._hand.held(inner, c.following, tick_s)
 
     def _where_it_starts(self) -> FloatArray:
         """Joint angles from which a grasp is planned: those after letting go."""
@@ -222,7 +226,7 @@ class FrankaArm:
         Raises:
             GraspFailed: the arm stays behind: it has met something.
         """
-        self._expect(self.config.free_reflex)
+        self._hand.expect(self.config.free_reflex)
         q = waypoints[0]
         for goal in waypoints[1:]:
             self._link.go(goal, leg_limits(goal - q, self.config.time_law))
@@ -251,81 +255,15 @@ class FrankaArm:
                 ticked_s = now_s
                 yield
 
-    def _approach(
-        self, T_world_grasp: gtsam.Pose3, planned: PlannedGrasp, feel_m: float, tick_s: float
-    ) -> Iterator[None]:
-        c, T, choice = self.config.approach, T_world_grasp, planned.choice
-        slow_m = max(c.guarded_m, feel_m)
-        speed_m_s = c.unseen_m_s if choice.unseen else c.speed_m_s
-        yield from self._line(T, choice.standoff_m, slow_m, speed_m_s, tick_s)
-        if feel_m > 0.0:
-            yield from self._feel(T, slow_m, feel_m, tick_s)
-        else:
-            yield from self._line(T, c.guarded_m, 0.0, c.guarded_m_s, tick_s)
-        off_m = off_by(self.T_world_gripper().matrix(), T)[0]
-        if off_m > c.arrival_m + feel_m:
-            raise GraspFailed(_blocked(off_m))
-
-    def _feel(
-        self, T_world_grasp: gtsam.Pose3, before_m: float, beyond_m: float, tick_s: float
-    ) -> Iterator[None]:
-        """On along the gripper's z until something stops the hand, and a little back."""
-        c = self.config.approach
-        try:
-            yield from self._line(T_world_grasp, before_m, -beyond_m, c.feel_m_s, tick_s)
-        except GraspFailed:  # what it was looking for
-            pass
-        here = gtsam.Pose3(T_world_grasp.rotation(), self.T_world_gripper().translation())
-        yield from self._line(here, 0.0, c.felt_back_m, c.feel_m_s, tick_s)
-
-    def _line(
-        self,
-        T_world_goal: gtsam.Pose3,
-        from_m: float,
-        to_m: float,
-        speed_m_s: float,
-        tick_s: float,
-    ) -> Iterator[None]:
-        """Along the goal's z, from `from_m` behind it to `to_m` behind it.
-
-        Raises:
-            GraspFailed: something is in the way.
-        """
-        c = self.config
-        line = StraightLine(T_world_goal, from_m, to_m, speed_m_s, c.approach, c.period_s)
-        yield from self._held(line, c.stiff, tick_s)
-        if line.blocked_m is not None:
-            raise GraspFailed(_blocked(line.blocked_m + to_m))
-
     def _release(self, tick_s: float) -> Iterator[None]:
         """Open, and where something was held, back out of it."""
         c, was_closed = self.config, self._closed
         if not was_closed and self._link.fingers_m() > c.grasp.open_m - c.grasp.nothing_m:
             return
-        self._expect(c.held_reflex)
+        self._hand.expect(c.held_reflex)
         self._link.open_fingers()
-        yield from self._control.hold(c.stiff, c.grasp.patience_s, tick_s)
+        yield from self._hand.control.hold(c.stiff, c.grasp.patience_s, tick_s)
         self._closed = False
         if was_closed:
             back_m, here = c.reach.standoffs_m[0], self.T_world_gripper()
-            yield from self._line(here, 0.0, back_m, c.approach.speed_m_s, tick_s)
-
-    def _held(self, law: Law, spring: SpringConfig, tick_s: float) -> Iterator[None]:
-        self._expect(self.config.held_reflex)
-        self._running = self._control.run(law, spring, tick_s)
-        yield from self._running
-
-    def _expect(self, reflex: ReflexConfig) -> None:
-        """Rest, and from now on stop at these forces."""
-        self._rest()
-        self._link.expect(reflex)
-
-    def _rest(self) -> None:
-        """End a compliant motion that nobody iterates any more."""
-        if self._running is not None:
-            self._running.close()
-            self._running = None
-
-
-def _blocked(left_m: float) -> str:
-    return f"the approach was blocked {1e3 * left_m:.0f} mm before the grasp"
+            yield from self._hand.straight(here, 0.0, back_m, c.approach.speed_m_s, tick_s)

@@ -54,6 +54,7 @@ class ApproachConfig:
     guarded_m: float = 0.015  # the last stretch, where something may be touched early
     guarded_m_s: float = 0.012
     feel_m_s: float = 0.007  # where something may be met anywhere
+    aslant_rad: float = 0.0  # between the gripper's z and the way it feels, towards the look
     felt_back_m: float = 0.004  # from it, before the fingers close
     blocked_m: float = 0.015  # behind its reference: the hand has met something
     arrival_m: float = 0.008  # farther than this from the grasp: something was in the way

@@ -105,6 +105,11 @@ class HandControl:
         return self._link
 
     @property
+    def config(self) -> FrankaArmConfig:
+        """The arm's settings."""
+        return self._config
+
+    @property
     def patience_s(self) -> float:
         """How long it goes on unwatched."""
         return self._config.patience_s

@@ -1,4 +1,4 @@
-"""The law of a straight line along the gripper's z, until something is in the way."""
+"""The law of a straight line of the hand, until something is in the way."""
 
 from __future__ import annotations
 
@@ -6,14 +6,14 @@ import gtsam
 import numpy as np
 
 from akm_fg.arm.body.kinematics import rotation_vector
-from akm_fg.arm.motion.reaching import line_motion, standoff
+from akm_fg.arm.motion.reaching import line_motion
 from akm_fg.hardware.franka.compliance import HandState, Reference
 from akm_fg.hardware.franka.config import ApproachConfig
 from akm_fg.records import FloatArray
 
 
 class StraightLine:
-    """From `from_m` behind a goal to `to_m` behind it; `blocked_m` says whether it was stopped.
+    """From a point to another, turned as a goal is; `blocked_m` says whether it was stopped.
 
     What joint friction keeps the hand behind is made up for slowly, and only by so much: something
     that is in the way still shows as a lag.
@@ -22,21 +22,20 @@ class StraightLine:
     def __init__(
         self,
         T_world_goal: gtsam.Pose3,
-        from_m: float,
-        to_m: float,
+        start: FloatArray,
+        end: FloatArray,
         speed_m_s: float,
         config: ApproachConfig,
         period_s: float,
     ) -> None:
         self._config, self._period_s = config, period_s
-        self._goal = T_world_goal
-        sign = 1.0 if from_m > to_m else -1.0
-        self._forward = sign * T_world_goal.rotation().matrix()[:, 2]
-        self._start = standoff(T_world_goal, from_m).matrix()
-        self._way_m = np.array(list(line_motion(abs(from_m - to_m), period_s, speed_m_s)))
+        length_m = float(np.linalg.norm(end - start))
+        self._goal, self._start = T_world_goal.matrix(), start
+        self._forward = (end - start) / max(length_m, 1e-9)
+        self._way_m = np.array(list(line_motion(length_m, period_s, speed_m_s)))
         self._time_s = 0.0
         self._made_up = np.zeros(3)
-        self.blocked_m: float | None = None  # before the goal's end, where something was in the way
+        self.blocked_m: float | None = None  # before the goal, where something was in the way
 
     def __call__(self, hand: HandState, dt_s: float) -> Reference | None:
         """See Law."""
@@ -46,11 +45,12 @@ class StraightLine:
         ends = len(self._way_m) - 1
         way_m = float(np.interp(at, np.arange(ends + 1), self._way_m))
         speed = float(np.interp(at + 1, np.arange(ends + 1), self._way_m)) - way_m
-        wanted = self._start.copy()
-        wanted[:3, 3] += way_m * self._forward
+        wanted = self._goal.copy()
+        wanted[:3, 3] = self._start + way_m * self._forward
         lag = wanted[:3, 3] - hand.T_world_gripper[:3, 3]
         if self._forward @ lag > c.blocked_m:
-            self.blocked_m = float(self._way_m[-1] - way_m + self._forward @ lag)
+            left = self._goal[:3, 3] - hand.T_world_gripper[:3, 3]
+            self.blocked_m = float(self._forward @ left)
             return None
         if at >= ends and self._time_s - ends * self._period_s > c.settle_s:
             return None

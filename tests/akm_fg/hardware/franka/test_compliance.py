@@ -66,7 +66,9 @@ GOAL = gtsam.Pose3(HERE)
 
 
 def line(**changes):
-    return StraightLine(GOAL, 0.05, 0.0, 0.05, ApproachConfig(**changes), PERIOD_S)
+    end = GOAL.translation()
+    start = end - 0.05 * HERE[:3, 2]
+    return StraightLine(GOAL, start, end, 0.05, ApproachConfig(**changes), PERIOD_S)
 
 
 def run(law, hand_of, seconds=10.0):
