@@ -51,6 +51,8 @@ class DemoArguments:
     scale: float | None = None
     """Of a file or folder: what every length in it is multiplied by, such as 0.001 for one in
     millimetres. If absent 1 for a URDF file, and for a folder what its category's size gives."""
+    allow: Path | None = None
+    """Of a file or folder: one more folder from which its meshes may be taken."""
     target: str | None = None
     """Opening to reach from closed: metres (0.25) where it slides, degrees (35deg) where it turns.
     If absent 0.20 or 35deg; with a given contact 0.8 of the range where that is less."""
@@ -107,7 +109,7 @@ def _explored(arguments: DemoArguments, config: DemoConfig | None) -> int:
     if target is not None and target[0] < 0:
         raise InputError("--target", f"is {arguments.target}", "an opening from closed, 0 or more")
     require_simulator()
-    thing = parse_object(arguments.object, arguments.joint, arguments.scale)
+    thing = parse_object(arguments.object, arguments.joint, arguments.scale, arguments.allow)
     request = run_request(_as_run(arguments), config, _command(arguments, thing), "demo")
     return carried_out(replace(request, target=target), arguments.json)
 
@@ -116,7 +118,7 @@ def _as_run(arguments: DemoArguments) -> RunArguments:
     """The flags that a run has too; the target is the caller's."""
     from akm_fg.cli.running.run import RunArguments
 
-    names = ("object", "joint", "scale", "seed", "out", "config", "tracker", "segmenter",
+    names = ("object", "joint", "scale", "allow", "seed", "out", "config", "tracker", "segmenter",
              "rig_errors")  # fmt: skip
     return RunArguments(target="0", **{name: getattr(arguments, name) for name in names})
 
@@ -137,7 +139,7 @@ def run_demo(
 
     config = demo_config(arguments, config)
     stages = stages_of(config)
-    thing = parse_object(arguments.object, arguments.joint, arguments.scale)
+    thing = parse_object(arguments.object, arguments.joint, arguments.scale, arguments.allow)
     target = wanted_state(arguments, wanted, thing.spec(arguments.seed))
     with json_output(arguments.json) as stream:
         folder = make_run_folder(arguments.out, f"{thing.label}-{arguments.seed}")

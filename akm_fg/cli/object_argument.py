@@ -29,6 +29,7 @@ class ObjectArgument:
     joint: str | None  # of a file or folder, the one that is free; None: there is no choice
     ours: bool  # one of ours, and not a user's file or folder
     scale: float | None = None  # of a file or folder, what multiplies every length in it
+    allowed: Path | None = None  # of a file, the folder outside its own that holds meshes of it
 
     @property
     def title(self) -> str:
@@ -58,14 +59,15 @@ class ObjectArgument:
         """The part of a command line that names it."""
         joint = "" if self.joint is None else f" --joint {shlex.quote(self.joint)}"
         scale = "" if self.scale is None else f" --scale {self.scale:g}"
-        return f"--object {shlex.quote(self.name)}{joint}{scale}"
+        allowed = "" if self.allowed is None else f" --allow {shlex.quote(str(self.allowed))}"
+        return f"--object {shlex.quote(self.name)}{joint}{scale}{allowed}"
 
     @property
-    def options(self) -> ImportOptions | None:
+    def options(self) -> ImportOptions:
         """What else is said of a file or folder."""
         from sim.objects.imported.imported_spec import ImportOptions
 
-        return None if self.scale is None else ImportOptions(scale=self.scale)
+        return ImportOptions(scale=self.scale, allowed=self.allowed)
 
     def spec(self, seed: int) -> PartSpec:
         """What the simulator knows of it.
@@ -78,7 +80,12 @@ class ObjectArgument:
         return find_spec(self.name, seed, self.joint, self.options)
 
 
-def parse_object(text: str, joint: str | None = None, scale: float | None = None) -> ObjectArgument:
+def parse_object(
+    text: str,
+    joint: str | None = None,
+    scale: float | None = None,
+    allowed: Path | None = None,
+) -> ObjectArgument:
     """The object that a person names.
 
     Raises:
@@ -92,6 +99,9 @@ def parse_object(text: str, joint: str | None = None, scale: float | None = None
         if scale is not None:
             told = f"{text} has its size; --scale is for files and folders"
             raise InputError("--scale", told, "a URDF file or a PartNet-Mobility folder")
+        if allowed is not None:
+            told = f"{text} names no meshes; --allow is for files and folders"
+            raise InputError("--allow", told, "a URDF file or a PartNet-Mobility folder")
         return ObjectArgument(text, joint, ours=True)
     check_scale(scale)
     place = text.removeprefix(PREFIX).partition(JOINT_MARK)[0]
@@ -106,7 +116,7 @@ def parse_object(text: str, joint: str | None = None, scale: float | None = None
         raise InputError("--object", told, "a URDF: run `xacro FILE > object.urdf` first")
     if is_file and not place.lower().endswith(".urdf"):
         raise InputError("--object", f"{text!r} does not end in .urdf", WHAT)
-    return ObjectArgument(text, joint, ours=False, scale=scale)
+    return ObjectArgument(text, joint, ours=False, scale=scale, allowed=allowed)
 
 
 def check_scale(scale: float | None) -> None:

@@ -59,6 +59,8 @@ class ExploreArguments:
     scale: float | None = None
     """Of a file or folder: what every length in it is multiplied by, such as 0.001 for one in
     millimetres. If absent 1 for a URDF file, and for a folder what its category's size gives."""
+    allow: Path | None = None
+    """Of a file or folder: one more folder from which its meshes may be taken."""
     seed: int = 0
     """Of the object and the camera's noise."""
     max_attempts: int = 25
@@ -192,7 +194,7 @@ def explore_request(
     if memory is not None and (memory.exists() or not arguments.remember):  # else it begins
         config = replace(config, explore=replace(config.explore, memory=str(memory)))
     stages, command = stages_of(config), command or command_of(arguments)
-    thing = parse_object(arguments.object, arguments.joint, arguments.scale)
+    thing = parse_object(arguments.object, arguments.joint, arguments.scale, arguments.allow)
     thing.spec(arguments.seed)  # refuses a broken one before anything is written
     if arguments.resume is not None:
         folder = arguments.resume
@@ -262,7 +264,9 @@ def command_of(arguments: ExploreArguments) -> str:
 def _what(arguments: ExploreArguments) -> str:
     """What is explored, as flags."""
     if arguments.robot is None:
-        return parse_object(arguments.object, arguments.joint, arguments.scale).words
+        return parse_object(
+            arguments.object, arguments.joint, arguments.scale, arguments.allow
+        ).words
     dry = " --dry-run" if arguments.dry_run else ""
     rig = f"--robot {arguments.robot} --calibration {arguments.calibration}"
     return f"{rig} --floor {arguments.floor:g}{dry}"

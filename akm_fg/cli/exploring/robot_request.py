@@ -27,7 +27,7 @@ def refuse_what_is_simulated(arguments: ExploreArguments) -> None:
         InputError: there is such a flag, or the camera's calibration is missing.
     """
     usual = ExploreArguments()
-    for flag in ("object", "joint", "rig_errors", "locked", "zero_shot"):
+    for flag in ("object", "joint", "scale", "allow", "rig_errors", "locked", "zero_shot"):
         if getattr(arguments, flag) != getattr(usual, flag):
             word = f"--{flag.replace('_', '-')}"
             raise InputError(word, "is of the simulator", "--robot without it")

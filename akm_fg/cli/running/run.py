@@ -56,6 +56,8 @@ class RunArguments:
     """Of a file or folder: the joint that is free, where several move."""
     scale: float | None = None
     """Of a file or folder: what every length in it is multiplied by."""
+    allow: Path | None = None
+    """Of a file or folder: one more folder from which its meshes may be taken."""
     seed: int = 0
     """Of the object and the camera's noise."""
     rig_errors: bool = False
@@ -152,7 +154,8 @@ def run_request(
     config = config or simulated_default()
     config = replace(config, manipulate=replace(config.manipulate, planner=arguments.planner))
     asked = ExploreArguments(
-        object=arguments.object, joint=arguments.joint, scale=arguments.scale, seed=arguments.seed,
+        object=arguments.object, joint=arguments.joint, scale=arguments.scale,
+        allow=arguments.allow, seed=arguments.seed,
         rig_errors=arguments.rig_errors, out=arguments.out, config=arguments.config,
         tracker=arguments.tracker, segmenter=arguments.segmenter,
     )  # fmt: skip
@@ -207,6 +210,6 @@ def _print(request: ManipulateRequest, ran: Ran, report: Path | None) -> None:
 
 # Flags with a value, that a command line which repeats a run needs.
 _NAMED = (
-    "target", "tolerance", "part", "model", "start", "joint", "scale", "config", "tracker",
+    "target", "tolerance", "part", "model", "start", "joint", "scale", "allow", "config", "tracker",
     "segmenter",
 )  # fmt: skip

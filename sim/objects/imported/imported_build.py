@@ -35,7 +35,7 @@ GRIP_STATES = 5  # of the part, at which the hand needs its room
 
 def build_imported(spec: ImportedSpec, folder: Path) -> BuiltObject:
     """Writes the object's files into `folder`; the same file and spec give the same bytes."""
-    model = read_urdf(spec.urdf)
+    model = read_urdf(spec.urdf, spec.allowed)
     joint = model.joint(spec.joint)
     found = assemble(model, joint, spec.scale, 1.0, spec.front)
     built = BuiltObject(

@@ -43,12 +43,15 @@ class ImportOptions:
     scale: float | None = None  # multiplies every length; None: 1 for a URDF, else by category
     front: str | None = None  # side of the file's frame that faces the robot, one of FRONTS
     contact: tuple[float, float, float] | None = None  # object frame, m: grip near this point
+    allowed: Path | None = None  # folder outside the file's own, from which it may name meshes
 
     def __post_init__(self) -> None:
         if self.scale is not None and not 0.0 < self.scale < np.inf:
             raise InputError("scale", f"{self.scale}", "a number above 0")
         if self.front is not None and self.front not in FRONTS:
             raise InputError("front", f"{self.front!r}", f"one of {', '.join(FRONTS)}")
+        if self.allowed is not None and not self.allowed.is_dir():
+            raise InputError("--allow", f"{str(self.allowed)!r} is no folder", "a folder of meshes")
 
 
 @dataclass(frozen=True, slots=True)
@@ -77,6 +80,7 @@ class ImportedSpec:
     handle_mu: float
     handle: Contact
     balanced: bool  # the joint carries the part's weight
+    allowed: Path | None = None  # as in ImportOptions
     catch: Catch | None = None
     closer: Closer | None = None
 
@@ -124,7 +128,7 @@ def import_spec(
     Raises:
         InputError: a broken file, no such joint, or several and none chosen.
     """
-    model = read_urdf(urdf)
+    model = read_urdf(urdf, options.allowed)
     joint = model.joint(options.joint)
     content = content_digest(model)
     key = (int(content[:8], 16), model.joints.index(joint))
@@ -151,6 +155,7 @@ def import_spec(
         content=content,
         joint=joint.name,
         front=options.front,
+        allowed=options.allowed,
         **fields,
     )
 

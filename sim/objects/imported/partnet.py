@@ -9,7 +9,7 @@ from __future__ import annotations
 import json
 import logging
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from akm_fg.errors import InputError
@@ -147,7 +147,7 @@ def with_joint(options: ImportOptions | None, joint: str) -> ImportOptions:
     options = options or ImportOptions()
     if not joint:
         return options
-    return ImportOptions(joint, options.scale, options.front, options.contact)
+    return replace(options, joint=joint)
 
 
 def _category(folder: Path) -> str:

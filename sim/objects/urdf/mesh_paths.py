@@ -2,7 +2,8 @@
 
 A URDF that was loaded from the net may name any file. A mesh is taken from the URDF's own folder
 (from the one above, where the URDF's is called `urdf`), and from packages around it: folders
-above it that hold a `package.xml` or are called as `package://` calls them.
+above it that hold a `package.xml` or are called as `package://` calls them; and from one further
+folder, where the caller allows it.
 """
 
 from __future__ import annotations
@@ -16,14 +17,19 @@ SCHEME = "package://"
 NEAR = 2  # folders above the URDF's in which a package without package.xml is looked for
 
 
-def mesh_path(urdf: Path, filename: str) -> Path:
+def mesh_path(urdf: Path, filename: str, allowed: Path | None = None) -> Path:
     """The mesh file, or the first place where it should be.
+
+    Args:
+        urdf: that names it.
+        filename: the name there.
+        allowed: a folder, below which it may lie too.
 
     Raises:
         InputError: it lies outside the object's folder and packages, or no file has such a name.
     """
     try:
-        places = _places(urdf, filename)
+        places = [*_places(urdf, filename), *_allowed_places(urdf, filename, allowed)]
         inside = [place for place, root in places if place.resolve().is_relative_to(root)]
         there = [place for place in inside if place.is_file()]
     except (OSError, ValueError, RuntimeError) as error:  # RuntimeError: links in a circle
@@ -34,7 +40,8 @@ def mesh_path(urdf: Path, filename: str) -> Path:
         return there[0]
     if not inside:
         wrong = f"mesh {filename[:SHOWN]!r} lies outside the object's folder and packages"
-        raise InputError(urdf, wrong, "it beside the URDF, or a package.xml above both")
+        where = "it beside the URDF, a package.xml above both, or --allow DIR"
+        raise InputError(urdf, wrong, where)
     return inside[0]
 
 
@@ -59,6 +66,17 @@ def _places(urdf: Path, filename: str) -> list[tuple[Path, Path]]:
         if i <= NEAR or above.name == package or _is_package(above):
             found.append((above / after, above.resolve()))
     return found
+
+
+def _allowed_places(urdf: Path, filename: str, allowed: Path | None) -> list[tuple[Path, Path]]:
+    """The same below the folder that the caller allows; packages may be it or lie in it."""
+    if allowed is None:
+        return []
+    root = allowed.resolve()
+    if not filename.startswith(SCHEME):
+        return [(urdf.parent / filename.removeprefix("file://"), root)]
+    whole = filename.removeprefix(SCHEME)
+    return [(root / whole, root), (root / whole.partition("/")[2], root)]
 
 
 def _own_folders(folder: Path) -> list[Path]:

@@ -24,8 +24,12 @@ from sim.objects.urdf.urdf_model import KINDS, MOVABLE, Joint, Link, Shape, Urdf
 FULL_TURN_RAD = 2.0 * math.pi + 0.01  # a hinge's limit beyond it is hardly meant in radians
 
 
-def read_urdf(path: Path) -> UrdfModel:
+def read_urdf(path: Path, allowed: Path | None = None) -> UrdfModel:
     """Reads and checks a URDF file.
+
+    Args:
+        path: of the file.
+        allowed: a folder outside of its own, from which it may name meshes.
 
     Raises:
         InputError: it is not there, not XML, a xacro file, not a tree of links, or names a mesh
@@ -43,7 +47,7 @@ def read_urdf(path: Path) -> UrdfModel:
         "xacro" in element.tag.partition("}")[0] for element in robot.iter() if "}" in element.tag
     ):
         raise InputError(path, "is a xacro file", "a URDF: run `xacro FILE > object.urdf` first")
-    reader = _Reader(path, robot)
+    reader = _Reader(path, robot, allowed)
     links = {link.name: link for link in map(reader.link, robot.findall("link"))}
     if not links:
         raise InputError(path, "has no links", "at least two, with a joint between them")
@@ -81,8 +85,8 @@ def _check_tree(path: Path, links: dict[str, Link], joints: Sequence[Joint]) -> 
 class _Reader:
     """Elements of one file into records."""
 
-    def __init__(self, path: Path, robot: ET.Element) -> None:
-        self._path = path
+    def __init__(self, path: Path, robot: ET.Element, allowed: Path | None = None) -> None:
+        self._path, self._allowed = path, allowed
         self.notes: list[str] = []  # what is probably not meant as it is written
         self._colours = {
             str(material.get("name")): rgb
@@ -188,7 +192,7 @@ class _Reader:
             scale = np.ones(3)
             if mesh.get("scale"):
                 scale = self._numbers(mesh, "scale", link, sizes=(1, 3)) * scale
-            file = mesh_path(self._path, str(mesh.get("filename")))
+            file = mesh_path(self._path, str(mesh.get("filename")), self._allowed)
             return Shape(name, T, "mesh", scale, file, rgb)
         for kind, keys in (("cylinder", "radius radius length"), ("sphere", "radius " * 3)):
             found = element.find(f"geometry/{kind}")

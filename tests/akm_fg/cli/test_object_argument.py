@@ -73,6 +73,19 @@ def test_a_scale_is_kept_in_the_command_and_only_for_files(cabinet: Path, capfd)
         assert "--scale: is" in told(capfd, "--object", str(urdf), "--scale", scale)
 
 
+def test_meshes_elsewhere_need_leave(cabinet: Path, tmp_path: Path, capfd):
+    urdf, library = cabinet / "mobility.urdf", tmp_path / "library"
+    meshes = cabinet / "textured_objs"
+    meshes.rename(library)
+    urdf.write_text(urdf.read_text().replace("textured_objs", str(library)))
+    assert "lies outside" in told(capfd, "--object", str(urdf))
+    found = parse_object(str(urdf), allowed=library)
+    assert found.words == f"--object {urdf} --allow {library}"
+    assert found.spec(0).allowed == library
+    assert "is no folder" in told(capfd, "--object", str(urdf), "--allow", str(tmp_path / "no"))
+    assert "--allow is for files" in told(capfd, "--object", "door", "--allow", str(library))
+
+
 def told(capfd, *arguments: str) -> str:
     """The one line that a demo says before anything runs."""
     assert main(["demo", "--contact", "given", *arguments]) == 2

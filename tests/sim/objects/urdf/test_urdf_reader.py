@@ -205,6 +205,26 @@ def test_package_paths_are_found_above_the_file(tmp_path: Path):
     assert model.links["a"].visuals[0].mesh == tmp_path / "meshes" / "m.stl"
 
 
+@pytest.mark.parametrize(
+    "name", ["../library/any/m.stl", "package://any/m.stl", "{library}/any/m.stl"]
+)
+def test_a_mesh_outside_is_taken_from_the_folder_that_is_allowed(name: str, tmp_path: Path):
+    folder, library, other = (tmp_path / x for x in ("object", "library", "other"))
+    for place in (folder / "urdf", library / "any", other):
+        place.mkdir(parents=True)
+    mesh = library / "any" / "m.stl"
+    mesh.write_text("solid m\nendsolid m\n")
+    name = name.replace("{library}", str(library))
+    path = write(folder, f'<link name="a">{MESH.replace("gone.obj", name)}</link>')
+    found = read_urdf(path, library).links["a"].visuals[0].mesh
+    assert found is not None and found.samefile(mesh)
+    if name.startswith("package"):
+        assert not read_urdf(path, other).links["a"].visuals
+        return
+    with pytest.raises(InputError, match=r"lies outside .* or --allow DIR"):
+        read_urdf(path, other)
+
+
 def test_links_stand_where_another_reader_has_them(mobility_object, tmp_path: Path):
     folder = mobility_object(second_joint=True, origin=(0.1, 0.2, 0.3)).write(tmp_path / "1")
     model = read_urdf(folder / "mobility.urdf")
