@@ -12,6 +12,7 @@ no place outside themselves; the folder may be deleted at any time.
 from __future__ import annotations
 
 import atexit
+import errno
 import fcntl
 import functools
 import hashlib
@@ -28,12 +29,14 @@ from pathlib import Path
 import platformdirs
 
 import akm_fg.arm
+from akm_fg.errors import OutputError
 
 LOG = logging.getLogger(__name__)
 
 SCRATCH = ".making-"  # names of entries that are not whole yet begin so
 STALE_S = 24 * 3600.0  # what was not finished by then never will be
 YOUNG_S = 60.0  # so soon after it was made, a folder may not have its lock yet
+NO_ROOM = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
 UNUSED_S = 30 * 24 * 3600.0  # an entry lives so long after its last use
 # Besides our own code, what decides what an object's files and its place look like.
 DEPENDENCIES = ("numpy", "scipy", "scene_synthesizer", "trimesh", "pin", "coacd", "gtsam")
@@ -71,6 +74,7 @@ def kept(name: str, make: Callable[[Path], None]) -> Path:
     """The cache's folder `name`, filled by `make(folder)` where it is not there yet.
 
     Raises:
+        OutputError: the disk is full.
         Exception: whatever `make` raises; nothing is kept then.
     """
     target = cache_folder() / name
@@ -82,9 +86,13 @@ def kept(name: str, make: Callable[[Path], None]) -> Path:
     try:
         make(scratch)
         scratch.rename(target)
-    except OSError:
-        if not target.is_dir():  # else another process was faster
-            raise
+    except OSError as error:
+        if target.is_dir():  # another process was faster
+            return target
+        if error.errno in NO_ROOM:
+            told = f"{target.parent}: cannot be written ({error.strerror})"
+            raise OutputError(f"{told}; make room, or set XDG_CACHE_HOME") from error
+        raise
     finally:
         shutil.rmtree(scratch, ignore_errors=True)
         if lock is not None:
