@@ -122,7 +122,7 @@ def row_of(
         bound = float(np.rad2deg(joint.axis_bound_rad()))
         if joint.pivot is not None and truth.pivot is not None:
             distance = line_distance_m(joint.pivot, joint.axis, truth.pivot, truth.axis)
-        solved = solved_frames(exploration)
+        solved = solved_frames(exploration.fit)
         truth = truth if solved is None else replace(truth, states=truth.states[:solved])
         fit = answer_of_posterior(posterior).fits.get(truth.kind)
         inside = None if fit is None else consistency_of(fit, truth).joint_inside95

@@ -91,6 +91,10 @@ class Belief(Protocol):
         """
         ...
 
+    def leave(self, contacts: Sequence[int]) -> None:
+        """Nothing more is to be tried at these: what they are on is known."""
+        ...
+
     def snapshot(self) -> BeliefSnapshot:
         """As it is now."""
         ...
@@ -114,6 +118,7 @@ class _Tries:
     rigid: dict[Way, float] = field(default_factory=dict)
     lost: int = 0
     refused: bool = False
+    known: bool = False  # it is on a part that was found
     moved: Way | None = None
 
 
@@ -145,7 +150,7 @@ class BayesBelief:
         """That a pull there opens: the front opens that way, the contact serves, it holds."""
         place, way = hypothesis.contact, hypothesis.way
         tries = self._tries[place]
-        if tries.refused:
+        if tries.refused or tries.known:
             return 0.0
         opens = self.front_opens(self._contacts[place].front)[way]
         return opens * self._serves(place, way) * self._holds(place)
@@ -191,6 +196,11 @@ class BayesBelief:
         elif outcome == "refused":
             tries.refused = True
 
+    def leave(self, contacts: Sequence[int]) -> None:
+        """Nothing more is to be tried at these: what they are on is known."""
+        for place in contacts:
+            self._tries[place].known = True
+
     def snapshot(self) -> BeliefSnapshot:
         """As it is now."""
         by_contact = [
@@ -212,8 +222,12 @@ class BayesBelief:
         return 1.0 - closed
 
     def free(self) -> float:
-        """Probability that any front opens, whether the arm can hold it or not."""
-        opens = [sum(self.front_opens(front).values()) for front in self._of_front]
+        """Probability that any front opens that is not known, held by the arm or not."""
+        opens = [
+            sum(self.front_opens(front).values())
+            for front, places in self._of_front.items()
+            if not any(self._tries[place].known for place in places)
+        ]
         return 1.0 - float(np.prod([1.0 - min(each, 1.0) for each in opens]))
 
     def front_opens(self, front: int) -> dict[Way, float]:
@@ -256,7 +270,7 @@ class BayesBelief:
 
     def _still(self, place: int, way: Way) -> float:
         """Probability with which a pull could still show what opens this way."""
-        if self._tries[place].refused:
+        if self._tries[place].refused or self._tries[place].known:
             return 0.0
         return self._serves(place, way) * self._holds(place)
 

@@ -1,12 +1,16 @@
 """Exploration: look, believe, try, learn; until something is open and known, or nothing is left.
 
 first look -> contacts -> belief -> [best hypothesis -> attempt -> belief] ... -> posterior
+
+Where several parts are looked for, one that was opened is modelled and closed again, and what is
+believed of the fronts that it does not explain goes on (`akm_fg.exploration.parts`).
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Protocol
 
 import gtsam
@@ -15,6 +19,7 @@ import numpy as np
 from akm_fg.exploration.attempt import Observer, Stream, Tried, Trier
 from akm_fg.exploration.belief import BayesBelief, Belief, ways_of
 from akm_fg.exploration.config import ExploreConfig
+from akm_fg.exploration.parts.keep import Keeper, PartModels
 from akm_fg.exploration.processor_time import taking
 from akm_fg.exploration.records import Attempt, Contact, Exploration, Hypothesis
 from akm_fg.exploration.suppression import SuppressedMap
@@ -52,6 +57,7 @@ class Explorer:
     config: ExploreConfig
     seed: int = 0
     calibration: CalibrationErrors | None = None  # what is not known of the camera
+    models: PartModels | None = None  # of parts that are found, where several are looked for
 
     def feel_m(self, frame: RgbdFrame, contact: Contact) -> float:
         """How far a contact may be from where it is seen, along the way to it."""
@@ -90,7 +96,9 @@ def explore(
     belief = belief_of(exploration, explorer)
     for attempt in exploration.attempts:
         _learn(belief, attempt)
-    while exploration.pulls < config.max_attempts and not exploration.opened:
+    for part in exploration.found:
+        belief.leave(part.explains)
+    while exploration.pulls < config.max_attempts and not _complete(exploration, config):
         with taking(exploration.time_s, "belief"):
             hypothesis = belief.next()
             exploration.beliefs.append(belief.snapshot())
@@ -98,13 +106,30 @@ def explore(
             break
         tried = _tried(arm, camera, explorer, exploration, observer, belief, hypothesis)
         _learn(belief, tried.attempt)
-        if tried.fit is not None or not exploration.looks:
+        opened = tried.attempt.outcome == "opened"
+        told = tried.fit is not None and (opened or not exploration.opened)
+        if told or not exploration.looks:
             exploration.fit, exploration.looks = tried.fit, tried.looks
+            exploration.fitted = len(exploration.attempts) - 1
         if not config.adaptive_termination:
             break
-        if tried.attempt.pulled and not exploration.opened:
+        keeper = None
+        if explorer.models is not None and config.parts != 1:
+            feel_m = explorer.feel_m(tried.looks[0].frame, tried.attempt.contact)
+            look = partial(look_clear, arm, camera, exploration)
+            keeper = Keeper(arm, explorer.models, look, feel_m, config)
+        if opened and keeper is not None:
+            belief.leave(keeper.keep(exploration, tried, observer).explains)
+        elif tried.attempt.pulled and not opened:
+            if keeper is not None:
+                keeper.put_back(exploration, tried)
             look_clear(arm, camera, exploration)
     _conclude(exploration, belief, config)
+
+
+def _complete(exploration: Exploration, config: ExploreConfig) -> bool:
+    """Whether as many parts are open as are looked for."""
+    return config.parts > 0 and exploration.parts_opened >= config.parts
 
 
 def belief_of(exploration: Exploration, explorer: Explorer) -> Belief:
@@ -219,7 +244,7 @@ def _others_first(
 
 
 def _conclude(exploration: Exploration, belief: Belief, config: ExploreConfig) -> None:
-    if exploration.opened:
+    if _complete(exploration, config) or (exploration.opened and config.parts == 0):
         exploration.stop = config.stop
         return
     if not exploration.attempts:
@@ -229,13 +254,19 @@ def _conclude(exploration: Exploration, belief: Belief, config: ExploreConfig) -
     tried = f"{exploration.pulls} pulls, {refused} places out of the arm's reach or not clear"
     if exploration.pulls >= config.max_attempts:
         exploration.stop = "attempts"
-        exploration.failure = f"nothing was opened in {config.max_attempts} attempts ({tried})"
+        what = "nothing was"
+        if exploration.opened:
+            what = f"{exploration.parts_opened} of {config.parts} parts were"
+        exploration.failure = f"{what} opened in {config.max_attempts} attempts ({tried})"
         return
-    free = belief.snapshot().free
+    free, here = belief.snapshot().free, "nothing here"
+    if exploration.opened:
+        here = f"{exploration.parts_opened} of {config.parts} parts were opened, and nothing else"
     if free < EVEN:
-        exploration.failure = f"nothing here opens (probability {1.0 - free:.2f}; {tried})"
+        exploration.failure = f"{here} opens (probability {1.0 - free:.2f}; {tried})"
         return
+    what = "nothing" if not exploration.opened else f"{exploration.parts_opened} of {config.parts}"
     exploration.failure = (
-        "nothing was opened: what may open was not to be held "
+        f"{what} was opened: what may open was not to be held "
         f"(something here opens with probability {free:.2f}; {tried})"
     )

@@ -17,6 +17,7 @@ from akm_fg.exploration.records import (
     Bounds,
     Contact,
     Exploration,
+    FoundPart,
     Hypothesis,
     Stretch,
 )
@@ -31,6 +32,7 @@ def exploration_as_dict(exploration: Exploration) -> dict[str, Any]:
         "opened": exploration.opened,
         "pulls": exploration.pulls,
         "attempts": [_attempt(attempt) for attempt in exploration.attempts],
+        "parts": [_found(part, exploration) for part in exploration.found],
         "stop": exploration.stop,
         "failure": exploration.failure,
         "notes": exploration.notes,
@@ -72,6 +74,7 @@ def exploration_from_dict(data: dict[str, Any], place: str) -> Exploration:
                 for row in data["beliefs"]
             ],
             attempts=[_attempt_from(row, contacts) for row in data["attempts"]],
+            found=[_found_from(row, len(contacts)) for row in data.get("parts", [])],
             notes=list(data["notes"]),
             time_s=dict(data["time_s"]),
         )
@@ -79,6 +82,25 @@ def exploration_from_dict(data: dict[str, Any], place: str) -> Exploration:
         raise InputError(
             place, f"is not a whole exploration ({error!r})", "what explore wrote"
         ) from error
+
+
+def _found(part: FoundPart, exploration: Exploration) -> dict[str, Any]:
+    return {
+        "name": part.name,
+        "attempt": part.attempt,
+        "recording": exploration.attempts[part.attempt].recording,
+        "kind": exploration.attempts[part.attempt].stretches[-1].kind,
+        "state": part.state,
+        "explains": list(part.explains),
+    }
+
+
+def _found_from(row: dict[str, Any], contacts: int) -> FoundPart:
+    explains = tuple(int(place) for place in row["explains"])
+    if any(not 0 <= place < contacts for place in explains):
+        raise ValueError(f"contacts {explains} of {contacts}")
+    state = None if row["state"] is None else float(row["state"])
+    return FoundPart(row["name"], int(row["attempt"]), state, explains)
 
 
 def _contact(contact: Contact) -> dict[str, Any]:

@@ -8,12 +8,14 @@ from markupsafe import Markup
 
 from akm_fg.exploration.belief_picture import belief_colours, belief_picture
 from akm_fg.exploration.config import ExploreConfig
-from akm_fg.exploration.records import Attempt, Exploration
+from akm_fg.exploration.records import Attempt, Exploration, FoundPart
 from akm_fg.exploration.stretch_plot import stretches_svg
 from akm_fg.report.page import template
 from akm_fg.report.pictures import Picture
+from akm_fg.report.wording import size, state
 
 _COLUMNS = ("where", "pull", "thought to open", "outcome", "why", "way")
+_PART_COLUMNS = ("opened in try", "recording", "joint", "where it is now")
 _JPEG_QUALITY = 85
 _PLOT_WORDS = (
     "What is known of the joint after each stretch of pull, what was expected of it a stretch "
@@ -31,11 +33,30 @@ def exploration_part(exploration: Exploration, config: ExploreConfig) -> Markup:
         scale=_scale(),
         columns=_COLUMNS,
         attempts=[(str(i + 1), _row(a)) for i, a in enumerate(exploration.attempts)],
+        part_columns=_PART_COLUMNS,
+        parts=[_part_row(part, exploration) for part in exploration.found],
         notes=exploration.notes,
         plot=None if plot is None else Markup(plot),
         plot_words=_PLOT_WORDS,
     )
     return Markup(html)
+
+
+def _part_row(found: FoundPart, exploration: Exploration) -> tuple[str, tuple[str, ...]]:
+    """Name and words of a part, where several were looked for."""
+    attempt = exploration.attempts[found.attempt]
+    known = () if exploration.model is None else exploration.model.parts
+    part = next((each for each in known if each.name == found.name), None)
+    joint, now = attempt.stretches[-1].kind, "not known"
+    if part is not None:
+        sd = f"axis to {size(part.joint.axis_sd_rad, 'rad')}"
+        if part.joint.pivot_sd_m is not None:
+            sd += f", pivot to {size(part.joint.pivot_sd_m, 'm')}"
+        joint = f"{part.posterior.kind}, {sd} (one deviation)"
+        if found.state is not None:
+            now = state(found.state, part.joint.kind.unit)
+    row = (str(found.attempt + 1), attempt.recording or "-", joint, now)
+    return found.name or "no model", row
 
 
 def _maps(exploration: Exploration) -> list[Picture]:

@@ -7,6 +7,7 @@ from typing import Literal
 
 import gtsam
 
+from akm_fg.model.records import ObjectModel
 from akm_fg.perception.fronts.front_records import ContactKind
 from akm_fg.records import FloatArray, Look, RgbdFrame
 from akm_fg.stages import RecordingFit
@@ -93,6 +94,16 @@ class BeliefSnapshot:
 
 
 @dataclass(slots=True)
+class FoundPart:
+    """A part that was opened, where several are looked for."""
+
+    name: str | None  # in the model; None: too little of it was seen for one
+    attempt: int  # that opened it
+    state: float | None  # where it was last seen, m or rad
+    explains: tuple[int, ...]  # contacts that are on it, and are left alone from then on
+
+
+@dataclass(slots=True)
 class Exploration:
     """What has happened so far; stays readable when it is interrupted."""
 
@@ -100,8 +111,12 @@ class Exploration:
     contacts: tuple[Contact, ...] = ()
     beliefs: list[BeliefSnapshot] = field(default_factory=list)
     attempts: list[Attempt] = field(default_factory=list)
-    fit: RecordingFit | None = None  # of the last attempt in which something moved
+    # Of the last attempt that opened something, or else in which something moved.
+    fit: RecordingFit | None = None
     looks: list[Look] = field(default_factory=list)  # of that attempt
+    fitted: int | None = None  # number of that attempt
+    found: list[FoundPart] = field(default_factory=list)  # where several parts are looked for
+    model: ObjectModel | None = None  # of these
     stop: StopReason | None = None
     failure: str | None = None
     notes: list[str] = field(default_factory=list)  # what was done without, and why
@@ -110,7 +125,13 @@ class Exploration:
     @property
     def opened(self) -> bool:
         """Whether a part was opened, by the program's own belief."""
-        return bool(self.attempts) and self.attempts[-1].outcome == "opened"
+        return self.parts_opened > 0
+
+    @property
+    def parts_opened(self) -> int:
+        """How many parts were opened, by the program's own belief."""
+        attempts = sum(attempt.outcome == "opened" for attempt in self.attempts)
+        return len(self.found) or attempts  # two attempts may open the same part
 
     @property
     def pulls(self) -> int:

@@ -40,16 +40,19 @@ class SuppressedMap:
         self._contacts, self._rng = tuple(contacts), rng
         self._config, self._width_px = config or SuppressionConfig(), width_px
         self._score = np.array([contact.prior for contact in contacts], dtype=float)
+        self._left = np.zeros(len(self._contacts), dtype=bool)
         self._uv = np.array([contact.uv for contact in contacts], dtype=float).reshape(-1, 2)
 
     def next(self) -> Hypothesis | None:
         """The highest score; of a map without suppression, one drawn by score."""
-        if not self._contacts:
+        if self._left.all():
             return None
+        score = np.where(self._left, -np.inf, self._score)
         if self._rng is None:
-            place = int(np.argmax(self._score))
+            place = int(np.argmax(score))
         else:
-            share = self._score / self._score.sum()
+            share = np.where(self._left, 0.0, self._score)
+            share = share / share.sum()
             place = int(self._rng.choice(len(self._contacts), p=share))
         normal = self._contacts[place].normal_world
         return Hypothesis(place, "outward", ways_of(normal)["outward"])
@@ -72,8 +75,12 @@ class SuppressedMap:
         sigma_px = self._config.sigma * self._width_px
         self._score -= self._config.alpha * np.exp(-0.5 * (away / sigma_px) ** 2)
 
+    def leave(self, contacts: Sequence[int]) -> None:
+        """Nothing more is to be tried at these: what they are on is known."""
+        self._left[list(contacts)] = True
+
     def snapshot(self) -> BeliefSnapshot:
         """As it is now."""
-        score = np.clip(self._score, 0.0, 1.0)
+        score = np.where(self._left, 0.0, np.clip(self._score, 0.0, 1.0))
         most = float(score.max(initial=0.0))
         return BeliefSnapshot(score, most, most)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -22,27 +23,29 @@ log = logging.getLogger("akm_fg.progress")
 _LEAST_TRIANGLES = 10
 
 
-def recording_of(model: ObjectModel, folder: Path) -> Recording | None:
-    """The recording whose states the posterior has, if it is where the model says.
+def recording_of(model: ObjectModel, folder: Path, part: int = 0) -> Recording | None:
+    """The recording whose states a part's posterior has, if it is where the model says.
 
     Args:
         model: names it, as a path or a path beside the model.
         folder: of the model.
+        part: place of the part.
     """
-    for source in model.sources[:1]:
+    sources = model.parts[part].sources or model.sources
+    for source in sources[:1]:
         for place in (Path(source), folder / source):
             try:
                 recording = read_recording(place)
             except (InputError, OSError, ValueError):
                 continue
-            if goes_with(model, recording):
+            if goes_with(model, recording, part):
                 return recording
     return None
 
 
-def goes_with(model: ObjectModel, recording: Recording) -> bool:
-    """Whether the first part's posterior may be of a recording: it has its frames' states."""
-    states = model.parts[0].states
+def goes_with(model: ObjectModel, recording: Recording, part: int = 0) -> bool:
+    """Whether a part's posterior may be of a recording: it has its frames' states."""
+    states = model.parts[part].states
     return states is not None and states.mean.size == len(recording.frames)
 
 
@@ -50,6 +53,7 @@ def describe(
     model: ObjectModel,
     recording: Recording | None = None,
     *,
+    more: Sequence[Recording | None] = (),
     name: str = "object",
     one_hull: bool = False,
     config: ExportConfig | None = None,
@@ -59,6 +63,7 @@ def describe(
     Args:
         model: of the object.
         recording: whose states the first part's posterior has; None: the model's points do.
+        more: the same of the parts after the first, in the model's order.
         name: of the object.
         one_hull: one convex hull a link for collisions, instead of pieces.
         config: tuning.
@@ -69,17 +74,25 @@ def describe(
     """
     config = config or ExportConfig()
     joints = [joint_of(part) for part in model.parts]
-    if recording is None:
-        log.info("no recording at hand: meshes are laid through the model's points")
+    recordings = [recording, *more, *[None] * (len(model.parts) - 1 - len(more))]
     links = []
     for i, (part, joint) in enumerate(zip(model.parts, joints, strict=True)):
-        log.info("%s: mesh and convex pieces", part.name)
-        placed = [] if recording is None or i else _placed(part, recording, config)
+        own = recordings[i]
+        how = "" if own is not None else ", through the model's points: no recording is at hand"
+        log.info("%s: mesh and convex pieces%s", part.name, how)
+        placed = [] if own is None else _placed(part, own, config)
         mesh = _mesh(part.name, part.surface.moved(part.T_world_seen), placed, config)
         link = _link(part.name, mesh.moved(-joint.origin_world), one_hull, config)
         links.append((joint, link))
     log.info("static: mesh and convex pieces")
-    resting = [] if recording is None else _placed(model.parts[0], recording, config)
+    # What rests is in one world, the first part's.
+    corrected = [replace(part, correction=model.parts[0].correction) for part in model.parts]
+    resting = [
+        frame
+        for part, own in zip(corrected, recordings, strict=True)
+        if own is not None
+        for frame in _placed(part, own, config)
+    ]
     still = [replace(each, T_world_surface=gtsam.Pose3()) for each in resting]
     resting_surface = model.static.objects_own.moved(model.parts[0].T_world_seen)
     mesh = _mesh("static", resting_surface, still, config)

@@ -25,11 +25,14 @@ def mjcf(description: Description, meshes: str) -> bytes:
     asset, world = ET.SubElement(root, "asset"), ET.SubElement(root, "worldbody")
     resting = _body(asset, world, description.static, "0 0 0")
     contact = ET.SubElement(root, "contact")
+    beside = [description.static.name]
     for joint, link in description.parts:
         body = _body(asset, resting, link, numbers(joint.origin_world))
         _joint(root, body, joint)
         # Meshes of what touches in the closed state overlap by their errors.
-        ET.SubElement(contact, "exclude", body1=description.static.name, body2=link.name)
+        for other in beside:
+            ET.SubElement(contact, "exclude", body1=other, body2=link.name)
+        beside.append(link.name)
     ET.indent(root)
     return ET.tostring(root, encoding="utf-8", xml_declaration=True) + b"\n"
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json as json_module
+import re
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -16,6 +17,7 @@ from akm_fg.cli.output import json_output, write_line
 from akm_fg.cli.requirements import require_arm
 from akm_fg.errors import InputError
 
+ALL_PARTS = "all"
 TURNS_RAD = 0.8  # of a hand on what it holds, beyond which it does not hold it
 ASLANT_RAD = 0.8  # of the hand that feels for a handle: depth errs along the camera's look
 CLOSE_M_S = (
@@ -65,6 +67,9 @@ class ExploreArguments:
     """Of the object and the camera's noise."""
     max_attempts: int = 25
     """Pulls after which the search ends."""
+    parts: str = "1"
+    """How many parts to find and model, or all that open. One that was opened is closed again, and
+    the search goes on over the fronts that it does not explain."""
     stop: Literal["posterior", "threshold"] = "posterior"
     """When a pull ends: when the posterior is good enough, or by the paper's threshold."""
     belief: Literal["bayes", "suppression"] = "bayes"
@@ -127,6 +132,7 @@ def explore(arguments: ExploreArguments, config: DemoConfig | None = None) -> in
     began = time.perf_counter()
     if arguments.max_attempts < 1:
         raise InputError("--max-attempts", f"is {arguments.max_attempts}", "1 or more")
+    parts_of(arguments.parts)
     request, run = _on_robot(arguments) if arguments.robot else _simulated(arguments, config)
     from akm_fg.cli.exploring.kept import write_result
 
@@ -140,7 +146,22 @@ def explore(arguments: ExploreArguments, config: DemoConfig | None = None) -> in
         _print(request, explored)
     if explored.interrupted:
         return INTERRUPTED
-    return DONE if explored.exploration.opened or explored.planned else GOAL_NOT_REACHED
+    exploration = explored.exploration
+    reached = exploration.opened and exploration.failure is None
+    return DONE if reached or explored.planned else GOAL_NOT_REACHED
+
+
+def parts_of(text: str) -> int:
+    """How many parts are looked for; 0 means all that open.
+
+    Raises:
+        InputError: neither a number from 1 on nor `all`.
+    """
+    if text == ALL_PARTS:
+        return 0
+    if not re.fullmatch(r"[1-9][0-9]{0,3}", text):
+        raise InputError("--parts", f"is {text!r}"[:60], f"a number from 1 on, or {ALL_PARTS}")
+    return int(text)
 
 
 def _simulated(
@@ -252,7 +273,7 @@ def command_of(arguments: ExploreArguments) -> str:
         given = getattr(arguments, flag)
         words += [] if given is None else [f"--{flag} {given}"]
     usual = ExploreArguments()
-    for flag in ("stop", "belief", "max_attempts"):
+    for flag in ("parts", "stop", "belief", "max_attempts"):
         given = getattr(arguments, flag)
         words += [] if given == getattr(usual, flag) else [f"--{flag.replace('_', '-')} {given}"]
     for flag in ("without_at", "without_fs", "without_ca", "zero_shot", "rig_errors", "locked",
@@ -278,6 +299,8 @@ def chosen_explore(arguments: ExploreArguments, config: ExploreConfig) -> Explor
     for name in ("max_attempts", "stop", "belief"):
         if getattr(arguments, name) != getattr(usual, name):
             changes[name] = getattr(arguments, name)
+    if arguments.parts != usual.parts:
+        changes["parts"] = parts_of(arguments.parts)
     without = {
         "adaptive_termination": arguments.without_at,
         "failure_suppression": arguments.without_fs,
@@ -301,6 +324,7 @@ def _result(
     if explored.truth is not None:
         described = truth_as_json(explored.truth)
         truth = {"final_state": described.pop("states")[-1], **described}
+        truth |= _parts_truth(explored)
     return {
         "schema": result.pop("schema"),
         "object": request.name,
@@ -312,6 +336,16 @@ def _result(
     }
 
 
+def _parts_truth(explored: Explored) -> dict[str, Any]:
+    """Of every part, where several open."""
+    from akm_fg.io.recording_reader import truth_as_json
+
+    if len(explored.parts_truth) < 2:
+        return {}
+    rows = [truth_as_json(truth) for truth in explored.parts_truth]
+    return {"parts": [{"final_state": row.pop("states")[-1], **row} for row in rows]}
+
+
 def _print(request: ExploreRequest | RobotRequest, explored: Explored) -> None:
     from rich.console import Console
 
@@ -321,10 +355,16 @@ def _print(request: ExploreRequest | RobotRequest, explored: Explored) -> None:
     if explored.planned:
         console.print(exploration.failure, soft_wrap=True)
     elif exploration.opened:
-        console.print(f"opened: {exploration.attempts[-1].reason} ({words})", soft_wrap=True)
-    else:
-        console.print(f"not opened: {exploration.failure}", soft_wrap=True)
-    if exploration.fit is not None:
+        last = next(a for a in reversed(exploration.attempts) if a.outcome == "opened")
+        console.print(f"opened: {last.reason} ({words})", soft_wrap=True)
+    if exploration.failure is not None and not explored.planned:
+        said = "short of it" if exploration.opened else "not opened"
+        console.print(f"{said}: {exploration.failure}", soft_wrap=True)
+    if exploration.model is not None:
+        for part in exploration.model.parts:
+            summary = part.posterior.summary()
+            console.print(f"{part.name}: {summary}", soft_wrap=True, highlight=False)
+    elif exploration.fit is not None:
         console.print(exploration.fit.posterior.summary(), soft_wrap=True, highlight=False)
     report = request.folder / "report.html"
     if report.exists():

@@ -11,6 +11,7 @@ from akm_fg.errors import InputError
 from akm_fg.exploration.explore_json import exploration_from_dict
 from akm_fg.exploration.records import INTERRUPTED, Exploration
 from akm_fg.io.png import replace_file
+from akm_fg.model.read import read_model
 from akm_fg.records import JointTruth
 
 CONFIG = "config.toml"
@@ -36,6 +37,7 @@ class Explored:
     measured: Measured | None = None
     model: Path | None = None
     interrupted: bool = False
+    parts_truth: tuple[JointTruth, ...] = ()  # of every part that opens; for scoring alone
     planned: bool = False  # a dry run has come to its first grasp
 
 
@@ -66,4 +68,6 @@ def read_request(folder: Path, name: str, seed: int) -> Exploration:
     exploration = exploration_from_dict(data, str(path))
     whole = [attempt for attempt in exploration.attempts if attempt.reason != INTERRUPTED]
     exploration.attempts, exploration.beliefs = whole, exploration.beliefs[: len(whole)]
+    if any(part.name is not None for part in exploration.found):
+        exploration.model = read_model(folder)
     return exploration

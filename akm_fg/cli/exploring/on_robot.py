@@ -67,8 +67,9 @@ def explore_on_robot(request: RobotRequest, device: Any = None) -> Explored:
     with open_hardware(request.hardware, config.hardware, tell=_tell, device=device) as rig:
         perceived = perceiver_of(config, request.stages, None, exploration.notes)
         explorer = explorer_of(
-            config, request.stages, perceived, rig.calibration, request.folder, request.seed
-        )
+            config, request.stages, perceived, rig.calibration, request.folder, request.seed,
+            keep,
+        )  # fmt: skip
         recorder = Recorder(request.folder, rig.calibration, keep)
         try:
             explore(rig.arm, rig.camera, explorer, exploration, recorder)

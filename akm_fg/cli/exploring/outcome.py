@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -12,11 +13,13 @@ from akm_fg.errors import InsufficientData
 from akm_fg.exploration.page import exploration_part
 from akm_fg.exploration.records import Exploration
 from akm_fg.model.build import FittedRecording, build_model
+from akm_fg.model.read import FILE
 from akm_fg.model.records import Contact
 from akm_fg.model.write import write_model
-from akm_fg.records import JointTruth, Recording, first_hold
+from akm_fg.records import JointTruth, Look, Recording, first_hold
 from akm_fg.report.summary import PartTracks, RunSummary
 from akm_fg.report.write import write_report
+from akm_fg.stages import RecordingFit
 
 REPORT = "report.html"
 
@@ -26,21 +29,25 @@ def last_recording(exploration: Exploration) -> Recording | None:
 
     Looks that were taken after the last solution, as when a grip was lost, have no states.
     """
-    looks, first = exploration.looks, exploration.first_look
-    solved = solved_frames(exploration)
-    looks = looks if solved is None else looks[:solved]
-    name = attempt_name(max(len(exploration.attempts) - 1, 0))
-    if not looks:
+    last, first = max(len(exploration.attempts) - 1, 0), exploration.first_look
+    name = attempt_name(last if exploration.fitted is None else exploration.fitted)
+    if not exploration.looks:
         return None if first is None else Recording(name, (first,))
+    return fitted_recording(name, exploration.looks, exploration.fit)
+
+
+def fitted_recording(name: str, looks: Sequence[Look], fit: RecordingFit | None) -> Recording:
+    """The frames of an attempt's looks that its fit has states of; all where it has none."""
+    looks = looks[: solved_frames(fit)]
     frames, grips = zip(*((look.frame, look.T_world_gripper) for look in looks), strict=True)
     return Recording(name, frames, None, grips, first_hold(looks))
 
 
-def solved_frames(exploration: Exploration) -> int | None:
-    """Of the last attempt in which something moved, those that its fit has states of."""
-    if exploration.fit is None or exploration.fit.posterior.best.states is None:
+def solved_frames(fit: RecordingFit | None) -> int | None:
+    """How many frames a fit has states of; None where it has none."""
+    if fit is None or fit.posterior.best.states is None:
         return None
-    return len(exploration.fit.posterior.best.states.mean)
+    return len(fit.posterior.best.states.mean)
 
 
 def write_outcome(
@@ -93,6 +100,8 @@ def write_part_model(folder: Path, exploration: Exploration, config: AkmConfig) 
     Raises:
         OutputError: the disk refuses.
     """
+    if exploration.model is not None:  # of several parts: written as they were found
+        return folder / FILE
     recording, fit = last_recording(exploration), exploration.fit
     if not exploration.opened or fit is None or recording is None:
         return None

@@ -66,15 +66,16 @@ def explore_in_simulator(
         family = getattr(request.object.spec(request.seed), "family", None)
         perceived = perceiver_of(config, request.stages, family, exploration.notes)
         explorer = explorer_of(
-            config, request.stages, perceived, world.calibration, request.folder, request.seed
-        )
+            config, request.stages, perceived, world.calibration, request.folder, request.seed,
+            keep,
+        )  # fmt: skip
         explored = Explored(exploration, request.folder, world.truth())
         try:
             explore(world.arm, world.camera, explorer, exploration, reporter)
         except KeyboardInterrupt:
             explored.interrupted = True
             exploration.failure = "interrupted"
-        explored.truth = reporter.truth()
+        explored.truth, explored.parts_truth = reporter.truth(), reporter.parts_truth()
         explored.measured = Measured(
             reporter.largest_state, reporter.pressed_n, limit_shares(motion)
         )

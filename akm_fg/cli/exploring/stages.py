@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 
 from akm_fg.backends import grasps
 from akm_fg.backends.registry import features_of, make
+from akm_fg.cli.exploring.part_models import FolderModels
 from akm_fg.cli.exploring.recorder import attempt_name
 from akm_fg.config import AkmConfig
 from akm_fg.errors import MissingDependency
@@ -46,6 +48,7 @@ def explorer_of(
     calibration: CalibrationErrors | None,
     folder: Path,
     seed: int,
+    keep: Callable[[], None],
 ) -> Explorer:
     """Who looks, believes and models in a run.
 
@@ -56,13 +59,22 @@ def explorer_of(
         calibration: what is not known of the camera.
         folder: of the run.
         seed: of what is drawn.
+        keep: writes down what was found so far.
     """
 
     def stream(number: int) -> FrameStream:
         name = str(folder / attempt_name(number))
         return FrameStream(name, config.model_settings, stages, calibration=calibration)
 
-    return Explorer(perceived.contacts, perceived.grasps, stream, config.explore, seed, calibration)
+    return Explorer(
+        perceived.contacts,
+        perceived.grasps,
+        stream,
+        config.explore,
+        seed,
+        calibration,
+        FolderModels(folder, config, keep),
+    )
 
 
 def _analogy(config: AkmConfig, family: str | None, notes: list[str]) -> Analogy | None:

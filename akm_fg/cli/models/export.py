@@ -41,7 +41,7 @@ class ExportArguments:
     ros: bool = False
     """Print the joint and its last state as text of ROS 2 messages."""
     recording: Path | None = None
-    """The recording of the model, where it is not at the place that the model names."""
+    """The recording of the first part, where it is not at the place that the model names."""
     collision: Literal["pieces", "hull"] = "pieces"
     """What is touched: convex pieces, or one convex hull a part."""
     json: str | None = None
@@ -73,8 +73,8 @@ def export(arguments: ExportArguments) -> int:
 
     with json_output(arguments.json) as results:
         try:
-            recording = _recording(arguments, model)
-            description = describe(model, recording, one_hull=arguments.collision == "hull")
+            first, *more = _recordings(arguments, model)
+            description = describe(model, first, more=more, one_hull=arguments.collision == "hull")
             files = _write(arguments, model, description)
         except InsufficientData as error:
             complain(str(error))
@@ -88,12 +88,14 @@ def export(arguments: ExportArguments) -> int:
     return DONE
 
 
-def _recording(arguments: ExportArguments, model: ObjectModel) -> Recording | None:
+def _recordings(arguments: ExportArguments, model: ObjectModel) -> list[Recording | None]:
+    """One a part."""
     from akm_fg.export.describe import goes_with, recording_of
 
+    folder = arguments.model if arguments.model.is_dir() else arguments.model.parent
+    found = [recording_of(model, folder, part) for part in range(len(model.parts))]
     if arguments.recording is None:
-        folder = arguments.model if arguments.model.is_dir() else arguments.model.parent
-        return recording_of(model, folder)
+        return found
     from akm_fg.io.recording import read_recording
 
     recording = read_recording(arguments.recording)
@@ -102,7 +104,7 @@ def _recording(arguments: ExportArguments, model: ObjectModel) -> Recording | No
         count = 0 if states is None else states.mean.size
         problem = f"has {len(recording.frames)} frames"
         raise InputError(arguments.recording, problem, f"the model's recording, of {count}")
-    return recording
+    return [recording, *found[1:]]
 
 
 def _write(arguments: ExportArguments, model: ObjectModel, description: Description) -> list[Path]:

@@ -1,9 +1,10 @@
-"""`akm-fg relocalize`: the states of a known object's part in a recording."""
+"""`akm-fg relocalize`: the states of a known object's parts in a recording."""
 
 from __future__ import annotations
 
 import json as json_module
 import time
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -25,9 +26,9 @@ SCHEMA = "akm-fg/relocalize/1"
 class RelocalizeArguments:
     """Example: akm-fg relocalize runs/kitchen runs/kitchen-later --json states.json
 
-    Follows the state of a part through a recording of the same object by the same world: from
-    anywhere in its range, with a standard deviation in every frame, and says when it is lost. The
-    exit code is 1 where the part is not found in the last frame.
+    Follows the states of a model's parts through a recording of the same object by the same world:
+    from anywhere in their ranges, with a standard deviation in every frame, and says when one is
+    lost. The exit code is 1 where a part is not found in the last frame.
     """
 
     model: Annotated[Path, tyro.conf.Positional]
@@ -35,7 +36,8 @@ class RelocalizeArguments:
     recording: Annotated[Path, tyro.conf.Positional]
     """A recording of the same object; the world of its T_world_cam is the model's."""
     part: str | None = None
-    """Name of the part; needed where the model has several."""
+    """Number or name of a part, the one that a hand in the recording holds; all are followed if it
+    is not given, and by their surfaces alone where there are several."""
     json: str | None = None
     """Write the states as one JSON object to this file; - is standard output."""
     config: Path | None = None
@@ -55,59 +57,75 @@ def relocalize(arguments: RelocalizeArguments) -> int:
     from akm_fg.config import AkmConfig
     from akm_fg.io.recording_reader import read_recording
     from akm_fg.model.read import read_model
-    from akm_fg.relocalization.relocalizer import Relocalizer
+    from akm_fg.relocalization.several import PartsRelocalizer
     from akm_fg.stream.seen_so_far import hands_of
 
     config = chosen_config(AkmConfig(), arguments.config)
     model = read_model(arguments.model)
-    number = part_number(model, arguments.part)
+    chosen = parts_named(model, arguments.part)
     recording = read_recording(arguments.recording)
     noise = config.perception.observe.noise
-    follower, beliefs = Relocalizer(model, number, noise, config.relocalization), []
+    follower = PartsRelocalizer(model, noise, config.relocalization)
+    held = chosen[0] if len(chosen) == 1 else None
+    rows: list[tuple[StateBelief, ...]] = []
     began = time.perf_counter()
     with json_output(arguments.json) as stream:
         for frame, hand in zip(recording.frames, hands_of(recording), strict=True):
-            beliefs.append(follower.update(frame, hand))
+            rows.append(follower.update(frame, hand, held))
         took_s = time.perf_counter() - began
-        result = _result(arguments, model, number, beliefs, took_s)
+        beliefs = {place: [row[place] for row in rows] for place in chosen}
+        result = _result(arguments, model, beliefs, took_s)
         if stream is not None:
             write_line(stream, json_module.dumps(result, allow_nan=False))
     if arguments.json != "-":
-        _print(model, number, beliefs)
-    return DONE if beliefs[-1].mode == "tracking" else GOAL_NOT_REACHED
+        for place in chosen:
+            _print(model, place, beliefs[place])
+    found = all(each[-1].mode == "tracking" for each in beliefs.values())
+    return DONE if found else GOAL_NOT_REACHED
 
 
-def part_number(model: ObjectModel, name: str | None) -> int:
-    """Place of a named part.
+def parts_named(model: ObjectModel, text: str | None) -> list[int]:
+    """Places of the parts that are told of: the one that is named, or all.
 
     Raises:
-        InputError: no such part, or none named where there are several.
+        InputError: no such part, or a pixel or a point, which nobody can look up here.
     """
-    names = [part.name for part in model.parts]
-    if name is None and len(names) == 1:
-        return 0
-    if name not in names:
-        said = "none is named" if name is None else f"{name!r} is not in the model"
-        raise InputError("--part", said, f"one of {', '.join(names)}")
-    return names.index(name)
+    from akm_fg.model.naming import Pixel, Point, part_name, part_named
+
+    if text is None:
+        return list(range(len(model.parts)))
+    name = part_name(text)
+    if isinstance(name, Pixel | Point):
+        raise InputError("--part", f"is {text!r}"[:80], "a part's number or name")
+    return [part_named(model, name)]
 
 
 def _result(
     arguments: RelocalizeArguments,
     model: ObjectModel,
-    number: int,
-    beliefs: list[StateBelief],
+    beliefs: Mapping[int, list[StateBelief]],
     took_s: float,
 ) -> dict[str, Any]:
-    part = model.parts[number]
+    """Of one part its fields stand at the top; of several there is an object each in `parts`."""
+    told = [_of_part(model, place, each) for place, each in beliefs.items()]
+    fields = told[0] if len(told) == 1 else {"parts": told}
+    stamps_s = [belief.stamp_s for belief in next(iter(beliefs.values()))]
     return {
         "schema": SCHEMA,
         "model": str(arguments.model),
         "recording": str(arguments.recording),
+        "stamps_s": stamps_s,
+        **fields,
+        "time_s": {"total": took_s},
+    }
+
+
+def _of_part(model: ObjectModel, place: int, beliefs: list[StateBelief]) -> dict[str, Any]:
+    part = model.parts[place]
+    return {
         "part": part.name,
         "unit": part.joint.kind.unit,
         "closed_state": part.closed_state,
-        "stamps_s": [belief.stamp_s for belief in beliefs],
         "mode": [belief.mode for belief in beliefs],
         "mean": [belief.mean for belief in beliefs],
         "sd": [belief.sd for belief in beliefs],
@@ -115,7 +133,6 @@ def _result(
         "seen": [belief.seen for belief in beliefs],
         "nis": [belief.nis for belief in beliefs],
         "reason": [belief.reason for belief in beliefs],
-        "time_s": {"total": took_s},
     }
 
 

@@ -12,7 +12,7 @@ def test_frames_after_the_last_solution_are_no_part_of_what_was_fitted():
     cabinet = PaperCabinet()
     looks = [Look(cabinet.capture(), cabinet.T_world_gripper(), k in (1, 2, 3)) for k in range(7)]
     exploration = Exploration(first_look=looks[0].frame, looks=looks, fit=fit_of(0.1, 5))
-    assert solved_frames(exploration) == 5
+    assert solved_frames(exploration.fit) == 5
     recording = last_recording(exploration)
     assert len(recording.frames) == len(recording.T_world_gripper) == 5
     assert recording.grasp_frames == (1, 3)

@@ -27,6 +27,12 @@ def described(door, drawer, door_model, drawer_model):
 
 
 @pytest.fixture(scope="session")
+def several_described(two_part_model):
+    """The description of the door and the drawer, from the model's points alone."""
+    return describe(two_part_model, one_hull=True, config=SMALL)
+
+
+@pytest.fixture(scope="session")
 def with_joint_of(described):
     """Meshes of the door, and the joint of another model: with_joint_of(model)."""
     _, description, _ = described["revolute"]

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from akm_fg.export.write import write_mjcf, write_urdf
+from akm_fg.model.records import ModelPart
 from factors.joint import JointKind
 
 
@@ -24,50 +25,55 @@ class Loaded:
     shapes: int  # that something can touch or see
 
 
-def in_pybullet(file: Path) -> Loaded:
+def in_pybullet(file: Path, part: int = 0) -> Loaded:
     pb = pytest.importorskip("pybullet")
     client = pb.connect(pb.DIRECT)
     try:
         body = pb.loadURDF(str(file), useFixedBase=True, physicsClientId=client)
-        info = pb.getJointInfo(body, 0, client)
+        names = [pb.getJointInfo(body, i, client)[1] for i in range(pb.getNumJoints(body, client))]
+        joint = names.index(f"part-{part}-joint".encode())
+        info = pb.getJointInfo(body, joint, client)
         kinds = {pb.JOINT_REVOLUTE: JointKind.REVOLUTE, pb.JOINT_PRISMATIC: JointKind.PRISMATIC}
-        pb.resetJointState(body, 0, _place(info[8], info[9]), physicsClientId=client)
-        closed = pb.getLinkState(body, 0, computeForwardKinematics=1, physicsClientId=client)
+        pb.resetJointState(body, joint, _place(info[8], info[9]), physicsClientId=client)
+        closed = pb.getLinkState(body, joint, computeForwardKinematics=1, physicsClientId=client)
         T = np.eye(4)
         T[:3, :3] = np.reshape(pb.getMatrixFromQuaternion(closed[5]), (3, 3))
         T[:3, 3] = closed[4]
-        pb.resetJointState(body, 0, 0.0, physicsClientId=client)
-        origin = pb.getLinkState(body, 0, computeForwardKinematics=1, physicsClientId=client)[4]
+        pb.resetJointState(body, joint, 0.0, physicsClientId=client)
+        origin = pb.getLinkState(body, joint, computeForwardKinematics=1, physicsClientId=client)[4]
         shapes = len(pb.getVisualShapeData(body, physicsClientId=client))
-        shapes += len(pb.getCollisionShapeData(body, 0, client))
-        shapes += len(pb.getCollisionShapeData(body, -1, client))
+        for link in range(-1, len(names)):
+            shapes += len(pb.getCollisionShapeData(body, link, client))
         kind = kinds[info[2]]
         return Loaded(kind, np.array(info[13]), np.array(origin), info[8:10], T, shapes)
     finally:
         pb.disconnect(client)
 
 
-def in_pinocchio(file: Path) -> Loaded:
+def in_pinocchio(file: Path, part: int = 0) -> Loaded:
     pin = pytest.importorskip("pinocchio")
     model = pin.buildModelFromUrdf(str(file))
-    joint = model.joints[1]
+    number = model.getJointId(f"part-{part}-joint")
+    joint = model.joints[number]
+    at = joint.idx_q
     moves_by = joint.shortname()
     kind = JointKind.REVOLUTE if "Revolute" in moves_by else JointKind.PRISMATIC
-    low, high = float(model.lowerPositionLimit[0]), float(model.upperPositionLimit[0])
-    data = model.createData()
-    pin.forwardKinematics(model, data, np.array([_place(low, high)]))
-    T = data.oMi[1].homogeneous
+    low, high = float(model.lowerPositionLimit[at]), float(model.upperPositionLimit[at])
+    data, q = model.createData(), np.zeros(model.nq)
+    q[at] = _place(low, high)
+    pin.forwardKinematics(model, data, q)
+    T = data.oMi[number].homogeneous
     subspace = np.ravel(joint.createData().S)  # translation first
     axis = subspace[3:] if kind == JointKind.REVOLUTE else subspace[:3]
     shapes = 0
     for what in (pin.GeometryType.COLLISION, pin.GeometryType.VISUAL):
         geometry = pin.buildGeomFromUrdf(model, str(file), what, package_dirs=str(file.parent))
         shapes += len(geometry.geometryObjects)
-    origin = model.jointPlacements[1].translation
+    origin = model.jointPlacements[number].translation
     return Loaded(kind, axis, origin, (low, high), T, shapes)
 
 
-def in_mujoco(file: Path) -> Loaded:
+def in_mujoco(file: Path, part: int = 0) -> Loaded:
     mujoco = pytest.importorskip("mujoco")
     model = mujoco.MjModel.from_xml_path(str(file))
     kinds = {
@@ -75,15 +81,16 @@ def in_mujoco(file: Path) -> Loaded:
         int(mujoco.mjtJoint.mjJNT_SLIDE): JointKind.PRISMATIC,
     }
     data = mujoco.MjData(model)
-    low, high = model.jnt_range[0]
-    body = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_BODY, "part-0")
+    joint = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_JOINT, f"part-{part}-joint")
+    low, high = model.jnt_range[joint]
+    body = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_BODY, f"part-{part}")
     mujoco.mj_forward(model, data)
-    axis, origin = data.xaxis[0].copy(), data.xanchor[0].copy()
-    data.qpos[0] = _place(low, high)
+    axis, origin = data.xaxis[joint].copy(), data.xanchor[joint].copy()
+    data.qpos[joint] = _place(low, high)
     mujoco.mj_forward(model, data)
     T = np.eye(4)
     T[:3, :3], T[:3, 3] = data.xmat[body].reshape(3, 3), data.xpos[body]
-    kind = kinds[int(model.jnt_type[0])]
+    kind = kinds[int(model.jnt_type[joint])]
     return Loaded(kind, axis, origin, (float(low), float(high)), T, model.ngeom)
 
 
@@ -107,7 +114,27 @@ def test_kind_axis_origin_limits_and_motion_are_the_models(
     model, description, _ = described[kind]
     loaded = load(write(tmp_path, description, model))
     part = model.parts[0]
-    assert loaded.kind == part.joint.kind == kind
+    assert part.joint.kind == kind
+    assert_is_the_models(loaded, part)
+    assert loaded.shapes == 4  # either link is seen, and touched with one hull
+
+
+@pytest.mark.parametrize("engine", sorted(ENGINES))
+def test_every_joint_of_several_parts_is_the_models(
+    two_part_model, several_described, engine: str, tmp_path: Path
+) -> None:
+    load, write = ENGINES[engine]
+    file = write(tmp_path, several_described, two_part_model)
+    assert [part.joint.kind for part in two_part_model.parts] == ["revolute", "prismatic"]
+    for place, part in enumerate(two_part_model.parts):
+        loaded = load(file, place)
+        assert_is_the_models(loaded, part)
+        assert loaded.shapes == 6
+
+
+def assert_is_the_models(loaded: Loaded, part: ModelPart) -> None:
+    """Kind, axis, origin and limits of a joint, and the place of its link."""
+    assert loaded.kind == part.joint.kind
     np.testing.assert_allclose(loaded.axis, part.joint.axis, atol=1e-6)
     np.testing.assert_allclose(loaded.origin, part.joint.joint.origin, atol=1e-6)
     np.testing.assert_allclose(loaded.limits, part.range_seen(), atol=1e-6)
@@ -116,7 +143,6 @@ def test_kind_axis_origin_limits_and_motion_are_the_models(
     origin = np.eye(4)
     origin[:3, 3] = part.joint.joint.origin
     np.testing.assert_allclose(loaded.T_world_link, expected @ origin, atol=1e-6)
-    assert loaded.shapes == 4  # either link is seen, and touched with one hull
 
 
 def test_a_closed_state_other_than_zero_is_position_zero(

@@ -25,6 +25,7 @@ from akm_fg.export.uncertainty import uncertainty_json
 from akm_fg.export.urdf import urdf
 from akm_fg.export.wavefront import coloured_obj
 from akm_fg.io.recording import write_recording
+from akm_fg.model.merge import with_found
 from akm_fg.model.records import StateLimits
 from akm_fg.model.write import write_model
 
@@ -204,6 +205,42 @@ def test_a_recording_of_other_frames_is_not_the_models(described, tmp_path: Path
     assert found is not None and goes_with(model, found)
     assert recording_of(replace(model, sources=("gone",)), tmp_path) is None
     assert not goes_with(model, replace(recording, frames=recording.frames[:-1]))
+
+
+def test_each_part_is_fused_from_its_own_recording(described, tmp_path: Path) -> None:
+    door_model, _, door = described["revolute"]
+    drawer_model, alone, drawer = described["prismatic"]
+    named = [
+        replace(model, sources=(name,))
+        for model, name in ((door_model, "door"), (drawer_model, "drawer"))
+    ]
+    model = with_found(*named, [0.0])
+    for name, clip in (("door", door), ("drawer", drawer)):
+        write_recording(tmp_path / name, clip.recording)
+    found = [recording_of(model, tmp_path, part) for part in range(2)]
+    assert [each.name for each in found] == ["door", "drawer"]
+    own = describe(model, None, more=[drawer.recording], one_hull=True, config=SMALL)
+    (_, _), (joint, link) = own.parts
+    (_, expected), *_ = alone.parts
+    np.testing.assert_allclose(link.visual.points, expected.visual.points)
+    assert joint.name == "part-1-joint"
+    said = json.loads(uncertainty_json(model, own))["joints"]
+    assert [each["cov"] for each in said] == [p.joint.cov.tolist() for p in model.parts]
+
+
+def test_a_glb_has_every_part(two_part_model, several_described, tmp_path: Path) -> None:
+    trimesh = pytest.importorskip("trimesh")
+    file = tmp_path / "object.glb"
+    file.write_bytes(glb(several_described, two_part_model))
+    assert len(trimesh.load(file).geometry) == 3
+    data = file.read_bytes()
+    tree = json.loads(data[20 : 20 + int.from_bytes(data[12:16], "little")])
+    kinds = {n["name"]: n["extras"]["joint"]["kind"] for n in tree["nodes"] if "extras" in n}
+    assert kinds == {"part-0": "revolute", "part-1": "prismatic"}
+    moved = {
+        channel["target"]["node"] for each in tree["animations"] for channel in each["channels"]
+    }
+    assert {tree["nodes"][node]["name"] for node in moved} == {"part-0", "part-1"}
 
 
 def test_the_command_writes_all_formats_and_says_where(
