@@ -31,6 +31,8 @@ def refused(capsys, *words) -> str:
     ("words", "told"),
     [
         (("--max-attempts", "0"), "--max-attempts: is 0; expected 1 or more"),
+        (("--parts", "none"), "--parts: is 'none'; expected a number from 1 on, or all"),
+        (("--parts", "0"), "--parts: is '0'"),
         (("--object", "furniture-dev/door-999"), "no such object"),
         (("--object", "nowhere.urdf"), "is no suite's object, file or folder"),
         (("--seed", "-1"), "--seed: is -1"),
