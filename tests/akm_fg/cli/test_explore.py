@@ -1,6 +1,7 @@
 """`akm-fg explore`: what it refuses at once, and one exploration from end to end."""
 
 import json
+import math
 import shutil
 from dataclasses import replace
 
@@ -79,6 +80,18 @@ def test_an_exploration_leaves_recordings_a_model_and_a_report(tmp_path, capsys)
     fitted = json.loads((tmp_path / "fit.jsonl").read_text())
     model = json.loads((folder / "model.json").read_text())["parts"][0]["posterior"]
     assert fitted["joint"]["T_world_joint"] == model["joint"]["T_world_joint"]
+
+
+@pytest.mark.slow
+def test_of_two_doors_of_which_one_is_jammed_the_other_is_found(tmp_path, capsys):
+    out = tmp_path / "told.json"
+    code = main(["explore", "--object", "furniture-dev/door-015", "--seed", "1", "--rig-errors",
+                 "--out", str(tmp_path), "--json", str(out)])  # fmt: skip
+    told = json.loads(out.read_text())
+    tries = [(attempt["outcome"], attempt["held"]) for attempt in told["attempts"]]
+    assert code == 0 and ("rigid", True) in tries and tries[-1][0] == "opened"
+    assert abs(told["truth"]["final_state"]) > math.radians(5.0)
+    assert told["attempts"][-1]["stretches"][-1]["kind"] in ("revolute", "undecided")
 
 
 @pytest.mark.slow
