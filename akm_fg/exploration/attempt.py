@@ -146,20 +146,34 @@ class Trier:
         raise refusal or MotionInfeasible("no grasp was found on the cloud around the contact")
 
     def _pull_in_stretches(self) -> None:
-        pull = self._config.pull
-        advanced = self._first_stretch()
-        if advanced is None:
-            return self._end("rigid", f"held, and did not give by {_mm(pull.gave_m)}")
-        direction = self._tried.attempt.hypothesis.direction_world
+        """By the way of the hypothesis and, where what is held is rigid, by others."""
+        attempt, rigid = self._tried.attempt, list[Hypothesis]()
+        while (why := self._pull_on()) is not None:
+            rigid.append(attempt.hypothesis)
+            other = self._other_way(rigid)
+            if other is None:
+                return self._end("rigid", f"held, and {why}")
+            attempt.rigid_before.append(attempt.hypothesis.way)
+            attempt.hypothesis, self._travel_m = other, 0.0
+            self._observer.stage(f"  {why}; pulling {other.way}")
+
+    def _pull_on(self) -> str | None:
+        """One way, to the attempt's end; or how what is held was rigid, in words.
+
+        Raises:
+            GraspFailed: it was lost, or the hand went and nothing moved with it.
+        """
+        pull, direction = self._config.pull, self._tried.attempt.hypothesis.direction_world
         for number in range(pull.most_stretches):
-            if number > 0:
-                advanced = self._stretch(direction, pull.stretch_m)
+            advanced = self._stretch(direction, pull.stretch_m)
             if not self._arm.holding():
                 if self._solve() is None or not self._hold_again():
                     raise GraspFailed(f"the grip was lost after {_cm(self._travel_m)}")
                 direction = self._tangent(advanced)
                 continue
             gave = self._gave(advanced)
+            if not gave and number == 0:
+                return f"did not give by {_mm(pull.gave_m)}"
             stretch = self._solve()
             if stretch is None:
                 if self._travel_m > pull.slipped_m:
@@ -167,32 +181,18 @@ class Trier:
                         f"the hand went {_cm(self._travel_m)} and nothing was seen to move"
                     )
                 if not gave:
-                    return self._end("rigid", f"held, and gave {_mm(self._travel_m)} in all")
+                    return f"gave {_mm(self._travel_m)} in all"
                 continue
             reason = enough(self._tried.attempt.stretches, self._turns(), self._config.stopping)
             if reason is not None:
-                return self._end("opened", reason)
+                self._end("opened", reason)
+                return None
             if not gave:
-                return self._ended_early("the part has come to its stop")
+                self._ended_early("the part has come to its stop")
+                return None
             direction = self._tangent(advanced)
         self._ended_early(f"after {pull.most_stretches} stretches")
-
-    def _first_stretch(self) -> FloatArray | None:
-        """How far (3,) the hand went, by the first way that gives; None where none does."""
-        attempt, rigid = self._tried.attempt, list[Hypothesis]()
-        while True:
-            advanced = self._stretch(
-                attempt.hypothesis.direction_world, self._config.pull.stretch_m
-            )
-            if self._gave(advanced) or not self._arm.holding():
-                return advanced
-            rigid.append(attempt.hypothesis)
-            other = self._other_way(rigid)
-            if other is None:
-                return None
-            attempt.rigid_before.append(attempt.hypothesis.way)
-            attempt.hypothesis, self._travel_m = other, 0.0
-            self._observer.stage(f"  rigid; pulling {other.way}")
+        return None
 
     def _gave(self, advanced: FloatArray) -> bool:
         return float(np.linalg.norm(advanced)) > self._config.pull.gave_m

@@ -48,6 +48,7 @@ class PaperCabinet:
     hand: np.ndarray = field(default_factory=lambda: np.zeros(3))
     lost: bool = False
     asides: int = 0
+    tilts_m: float = 0.0  # by which the pads first give on what is rigid
     led: int = 0  # stretches in which the joint led the hand
     along: np.ndarray = field(default_factory=NORMAL.copy)  # way in which what is free slides
 
@@ -86,7 +87,8 @@ class PaperCabinet:
     def pull(self, direction_world, distance_m, tick_s):
         yield
         if self.front not in self.free or direction_world @ self.along < 0.5:
-            self.hand = self.hand + 0.001 * direction_world
+            self.hand = self.hand + (0.001 + self.tilts_m) * direction_world
+            self.tilts_m = 0.0
             return
         before = self.state.get(self.front, 0.0)
         after = min(before + distance_m, self.stop_m)
@@ -273,6 +275,14 @@ def test_what_is_held_is_pulled_the_other_ways_before_the_hand_lets_go():
     assert exploration.pulls == 1
     again = exploration_from_dict(exploration_as_dict(exploration), "explore.json")
     assert again.attempts[0].rigid_before == attempt.rigid_before
+
+
+def test_what_gives_a_little_and_then_no_more_is_rigid_and_is_pulled_the_other_ways():
+    cabinet = PaperCabinet(free=(0,), along=np.array([0.0, -1.0, 0.0]), tilts_m=0.006)
+    exploration = explored(cabinet, fronts=1)
+    assert outcomes(exploration) == [(0, "opened")]
+    assert exploration.attempts[0].rigid_before == ["outward"]
+    assert exploration.attempts[0].hypothesis.way == "left"
 
 
 def test_ways_in_which_a_hold_was_rigid_are_learned_and_not_pulled_again():
