@@ -176,7 +176,7 @@ class Trier:
                 return f"did not give by {_mm(pull.gave_m)}"
             stretch = self._solve()
             if stretch is None:
-                if self._travel_m > pull.slipped_m:
+                if self._travel_m > (pull.unseen_m if gave else pull.slipped_m):
                     raise GraspFailed(
                         f"the hand went {_cm(self._travel_m)} and nothing was seen to move"
                     )

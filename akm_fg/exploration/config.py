@@ -27,6 +27,7 @@ class PullConfig:
     look_m: float = 0.001  # by which the hand has gone on before another frame is taken
     gave_m: float = 0.004  # of the hand in a stretch, with the arm's and the pads' own give
     slipped_m: float = 0.015  # between where the hand is and where the part would have taken it
+    unseen_m: float = 0.10  # that the hand goes with what it holds before anything is seen to move
     # A joint known so well (95 % bounds) leads the hand; before, the hand follows where it may go.
     led_axis_rad: float = float(np.deg2rad(10.0))  # over a stretch the hand is 5 mm off at most
     led_pivot_m: float = 0.04

@@ -48,6 +48,7 @@ class PaperCabinet:
     hand: np.ndarray = field(default_factory=lambda: np.zeros(3))
     lost: bool = False
     asides: int = 0
+    unseen_m: float = 0.002  # of the way of what slides, before the camera shows it
     tilts_m: float = 0.0  # by which the pads first give on what is rigid
     led: int = 0  # stretches in which the joint led the hand
     along: np.ndarray = field(default_factory=NORMAL.copy)  # way in which what is free slides
@@ -116,7 +117,7 @@ class PaperStream:
         self.frames += 1
 
     def posterior(self):
-        moved = {f: q for f, q in self.cabinet.state.items() if q > 0.002}
+        moved = {f: q for f, q in self.cabinet.state.items() if q > self.cabinet.unseen_m}
         if not moved:
             raise NoMotionObserved("nothing moved")
         q = max(moved.values())
@@ -283,6 +284,15 @@ def test_what_gives_a_little_and_then_no_more_is_rigid_and_is_pulled_the_other_w
     assert outcomes(exploration) == [(0, "opened")]
     assert exploration.attempts[0].rigid_before == ["outward"]
     assert exploration.attempts[0].hypothesis.way == "left"
+
+
+def test_what_goes_with_the_hand_is_pulled_on_until_it_is_seen():
+    exploration = explored(PaperCabinet(free=(0,), unseen_m=0.05), fronts=1)
+    assert outcomes(exploration) == [(0, "opened")]
+    assert exploration.attempts[0].stretches[0].travel_m == pytest.approx(0.06)
+    never = explored(PaperCabinet(free=(0,), unseen_m=1.0), fronts=1, max_attempts=1)
+    assert outcomes(never) == [(0, "grasp_lost")]
+    assert "went 12.0 cm and nothing was seen to move" in never.attempts[0].reason
 
 
 def test_ways_in_which_a_hold_was_rigid_are_learned_and_not_pulled_again():
