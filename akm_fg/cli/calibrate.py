@@ -112,7 +112,7 @@ def calibrate(arguments: CalibrateArguments) -> int:
 
 
 def _simulate(arguments: CalibrateArguments, out: Path) -> int:
-    from akm_fg.cli.board_recording import write_simulated_board
+    from akm_fg.cli.recordings.board_recording import write_simulated_board
 
     if arguments.folder is not None:
         raise InputError("--simulate", "goes without a recording to read", "one of the two")

@@ -31,6 +31,7 @@ DEFAULTS_ALONE = {
     "ExportConfig",
     "FrontConfig",
     "HintConfig",
+    "NamingConfig",
     "TransferConfig",
 }
 # What objects, places and pictures of suites are made with: the same for everybody, whoever runs.

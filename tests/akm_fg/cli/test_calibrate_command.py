@@ -13,8 +13,8 @@ from scipy import stats
 from akm_fg.calibration.board_file import read_board
 from akm_fg.calibration.calibrate import calibrate
 from akm_fg.calibration.read import read_calibration_views
-from akm_fg.cli.board_recording import write_simulated_board
 from akm_fg.cli.main import main
+from akm_fg.cli.recordings.board_recording import write_simulated_board
 from akm_fg.config import AkmConfig
 from akm_fg.io.config_file import read_config
 
