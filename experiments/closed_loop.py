@@ -138,6 +138,18 @@ def model_of(name: str, seed: int, folder: Path) -> Path | None:
     return None if told["model"] is None else kept / told["model"]
 
 
+def kept_models(folder: Path) -> list[tuple[str, int, Path]]:
+    """Object, seed and model's folder of all that `experiments.closed_loop` kept there."""
+    found = []
+    for kept in sorted(folder.glob("*/*/done.json")):
+        told = json.loads(kept.read_text(encoding="utf-8"))
+        suite, sort, number = kept.parent.parent.name.rsplit("-", 2)
+        if told["model"] is not None:
+            name = f"{suite}/{sort}-{number}"
+            found.append((name, int(kept.parent.name), kept.parent / told["model"]))
+    return found
+
+
 def run_task(
     name: str, method: str, seed: int, number: int, task: Task, model: Path | None, kind: str
 ) -> ClosedLoopRow:

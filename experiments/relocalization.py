@@ -40,6 +40,7 @@ from akm_fg.stream.seen_so_far import hands_of
 from experiments.baselines.clouds import PartCloud, choose_keyframes, part_cloud
 from experiments.baselines.estimate import JointEstimate
 from experiments.baselines.relocalize import relocalize
+from experiments.closed_loop import kept_models
 from experiments.pages.tables import markdown, percent
 from experiments.rows.json_lines import append_line, whole_lines
 from experiments.rows.provenance import note_run
@@ -241,20 +242,15 @@ def main() -> None:
 def _run_missing(arguments: argparse.Namespace, file: Path) -> None:
     done = {(row.name, row.seed) for row in (read_rows(file) if file.exists() else [])}
     objects = 0
-    for kept in sorted(arguments.models.glob("*/*/done.json")):
-        told = json.loads(kept.read_text(encoding="utf-8"))
-        suite, _, short = kept.parent.parent.name.rpartition("-")
-        suite, _, sort = suite.rpartition("-")
-        name, seed = f"{suite}/{sort}-{short}", int(kept.parent.name)
-        if told["model"] is None or (name, seed) in done:
+    for name, seed, folder in kept_models(arguments.models):
+        if (name, seed) in done:
             continue
         if arguments.limit is not None and objects >= arguments.limit:
             break
         objects += 1
         try:
             rows = run_object(
-                name, seed, kept.parent / told["model"], arguments.states,
-                not arguments.without_baseline,
+                name, seed, folder, arguments.states, not arguments.without_baseline
             )  # fmt: skip
         except AkmError as error:
             print(f"{name}: {error}", file=sys.stderr, flush=True)

@@ -233,13 +233,17 @@ class SimWorld:
             self.object_id, -1, lateralFriction=self.spec.handle_mu, physicsClientId=self.client
         )
 
-    def _lock(self, joint: int) -> None:
-        """A motor stronger than any hand holds a part closed; it looks as it always does."""
+    def jam(self, part: int = 0) -> None:
+        """A part goes no farther from where it is, either way."""
+        self._lock(self.part_joints[part], self.part_state(part))
+
+    def _lock(self, joint: int, state: float = 0.0) -> None:
+        """A motor stronger than any hand holds a part; it looks as it always does."""
         p.setJointMotorControl2(
             self.object_id,
             joint,
             p.POSITION_CONTROL,
-            targetPosition=0.0,
+            targetPosition=state,
             force=LOCK_FORCE,
             physicsClientId=self.client,
         )

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -17,6 +17,7 @@ from akm_fg.cli.running.recorder import RECORDING, RunRecorder
 from akm_fg.cli.simulated_run import limit_shares, opened_world
 from akm_fg.errors import AkmError
 from akm_fg.exploration.records import Contact
+from akm_fg.interfaces import Camera
 from akm_fg.io.recording_writer import RecordingWriter
 from akm_fg.manipulation.manipulate import Manipulator
 from akm_fg.manipulation.records import Goal, Manipulation
@@ -83,8 +84,16 @@ class Ran:
         return self.goal is not None and self.failure is None and not self.interrupted
 
 
-def run_in_simulator(request: ManipulateRequest) -> Ran:
+Watching = Callable[[SimEpisode], Camera]  # the camera that a run looks through
+
+
+def run_in_simulator(request: ManipulateRequest, through: Watching | None = None) -> Ran:
     """The run; what was recorded stays readable when it is interrupted.
+
+    Args:
+        request: what to do.
+        through: what the manipulation sees, where it is not the world's own camera: for trials of
+            what may go wrong.
 
     Raises:
         InputError: the object or model cannot be loaded, or the settings cannot be used.
@@ -95,7 +104,7 @@ def run_in_simulator(request: ManipulateRequest) -> Ran:
     if request.model is not None:
         model = read_model(request.model)
         with opened_world(wanted.object, wanted.seed, wanted.config.sim, "published") as world:
-            _manipulate(request, world, model, ran)
+            _manipulate(request, world, model, ran, through)
         return ran
 
     def go_on(world: SimEpisode, explored: Explored) -> None:
@@ -107,14 +116,18 @@ def run_in_simulator(request: ManipulateRequest) -> Ran:
             notes = explored.exploration.notes
             ran.failure = explored.exploration.failure or "; ".join(notes) or "nothing was opened"
             return
-        _manipulate(request, world, read_model(explored.model), ran)
+        _manipulate(request, world, read_model(explored.model), ran, through)
 
     ran.explored = explore_in_simulator(wanted, go_on)
     return ran
 
 
 def _manipulate(
-    request: ManipulateRequest, world: SimEpisode, model: ObjectModel, ran: Ran
+    request: ManipulateRequest,
+    world: SimEpisode,
+    model: ObjectModel,
+    ran: Ran,
+    through: Watching | None,
 ) -> None:
     """Take the part to its target, and keep what was learned."""
     ran.model, began = model, time.process_time()
@@ -130,13 +143,14 @@ def _manipulate(
     assert ran.goal is not None
     config, motion = request.explore.config, world.arm.record()
     stream = _stream(request, world)
+    camera = world.camera if through is None else through(world)
     with RecordingWriter(request.explore.folder / RECORDING) as writer:
         recorder = RunRecorder(writer, world, part.joint.kind.unit, number)
         follower = Relocalizer(
             model, ran.number, config.perception.observe.noise, config.relocalization
         )
         manipulator = Manipulator(
-            world.arm, world.camera, follower, part, ran.goal, ran.manipulation, recorder,
+            world.arm, camera, follower, part, ran.goal, ran.manipulation, recorder,
             config.manipulate, _FreshGrasps(request.explore), stream,
         )  # fmt: skip
         try:
@@ -159,9 +173,9 @@ def goal_of(request: ManipulateRequest, part: ModelPart) -> tuple[Goal | None, s
     opening, unit = request.target or (USUAL[own], own)
     if unit != own:
         does = "turns" if own == "rad" else "slides"
-        said = "metres (0.25)" if unit == "m" else "degrees (35deg)"
+        given = f"{opening:g} m" if unit == "m" else f"{np.rad2deg(opening):g} deg"
         wants = "degrees (35deg)" if own == "rad" else "metres (0.25)"
-        return None, f"the part {does}: the target is in {said}, expected {wants}"
+        return None, f"the part {does}: {given} is no target for it; expected {wants}"
     tolerance = request.explore.config.manipulate.tolerance(part.joint.turns)
     if request.tolerance is not None:
         tolerance, unit = request.tolerance
