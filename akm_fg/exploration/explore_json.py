@@ -69,7 +69,7 @@ def exploration_from_dict(data: dict[str, Any], place: str) -> Exploration:
                 BeliefSnapshot(
                     np.array(row["by_contact"], dtype=float),
                     float(row["anything"]),
-                    float(row["free"]),
+                    float(row.get("free", row["anything"])),
                 )
                 for row in data["beliefs"]
             ],
