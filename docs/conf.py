@@ -84,9 +84,23 @@ def _section(module: str) -> str:
     return f"## `{module}`\n\n```{{eval-rst}}\n.. automodule:: {module}\n```\n"
 
 
+def _public_names() -> Iterator[str]:
+    """What `akm_fg.__all__` names: functions as they are, and where its types stand."""
+    found = {name: getattr(akm_fg, name) for name in akm_fg.__all__ if not name.startswith("_")}
+    functions = [name for name, value in found.items() if not isinstance(value, type)]
+    yield "```{eval-rst}"
+    yield from (f".. autofunction:: akm_fg.{name}" for name in functions)
+    yield "```\n\nTypes, by these names too:\n"
+    for name, value in found.items():
+        if isinstance(value, type):
+            place = f"{value.__module__}.{value.__name__}"
+            yield f"- {{py:class}}`akm_fg.{name} <{place}>`"
+
+
 def _with_modules(app: Any, page: str, source: list[str]) -> None:
     """Puts a page's modules where a comment asks for them, so that none has to be listed."""
-    text = re.sub(r"<!-- module (\S+) -->", lambda found: _section(found[1]), source[0])
+    text = source[0].replace("<!-- public names -->", "\n".join(_public_names()))
+    text = re.sub(r"<!-- module (\S+) -->", lambda found: _section(found[1]), text)
     source[0] = re.sub(
         r"<!-- modules of (\S+)(?: but ([^>]*))? -->",
         lambda found: "\n".join(map(_section, _modules(found[1], (found[2] or "").split()))),
