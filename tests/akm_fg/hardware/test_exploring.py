@@ -7,6 +7,9 @@ them. The arm is franky-sim's, with nothing before it.
 from __future__ import annotations
 
 import json
+import re
+import threading
+import time
 
 import gtsam
 import numpy as np
@@ -18,6 +21,7 @@ from akm_fg.cli.main import main
 from tests.akm_fg.hardware.calibration_file import write_calibration
 from tests.akm_fg.hardware.software_realsense import SoftwareRealSense
 
+HOME = np.array([0.0, -0.785, 0.0, -2.356, 0.0, 1.571, 0.785])  # of the counterpart
 OBJECT, SEED = "furniture-dev/drawer-001", 1
 
 
@@ -105,8 +109,30 @@ def test_a_robot_looks_plans_and_tries(scene, lonely_counterpart, monkeypatch, c
     for attempt in told["attempts"]:
         assert attempt["outcome"] in ("refused", "grasp_lost")
     assert (folder / "report.html").exists()
-    home = np.array([0.0, -0.785, 0.0, -2.356, 0.0, 1.571, 0.785])
-    assert np.abs(np.array(lonely_counterpart.ask("angles")) - home).max() > 0.1  # it has moved
+    assert np.abs(np.array(lonely_counterpart.ask("angles")) - HOME).max() > 0.1  # it has moved
+
+
+@pytest.mark.slow
+@pytest.mark.hardware
+def test_an_arm_that_is_lost_on_the_way_ends_the_run_in_one_line(
+    scene, lonely_counterpart, monkeypatch, capsys, tmp_path
+):
+    real, flags = scene
+
+    def pull_the_cable():
+        while np.abs(np.array(lonely_counterpart.ask("angles")) - HOME).max() < 0.1:
+            time.sleep(0.1)
+        lonely_counterpart.tell("drop")
+
+    with real:
+        words = ["--robot", lonely_counterpart.host, "--out", str(tmp_path), *flags]
+        threading.Thread(target=pull_the_cable, daemon=True).start()
+        code, said = explored(real.device, words, monkeypatch, capsys)
+    assert code == 1
+    assert "Traceback" not in said.err
+    assert re.search(r"not opened: the connection to the arm at .* was lost", said.out)
+    (folder,) = tmp_path.glob("*-explore-robot")
+    assert "was lost" in json.loads((folder / RESULT).read_text())["failure"]
 
 
 def test_the_settings_of_an_exploration_with_a_robot_are_kept_and_read_again(tmp_path):
