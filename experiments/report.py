@@ -17,7 +17,8 @@ from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
-from experiments import coverage, cramer_rao, kind_against_travel, surface_gain
+from experiments import kind_against_travel, surface_gain
+from experiments.claims import coverage, cramer_rao
 from experiments.pages import accuracy_report
 from experiments.pages.tables import NoRows, grouped, markdown, of_method
 from experiments.rows.provenance import runs_of

@@ -49,7 +49,9 @@ class BeliefConfig:
     on_its_front: float = 0.98  # a contact is on the front that it was given to, and has a lever
     slipped: float = 0.25  # of a rigid pull: a bad grasp slips off what is free, too
     missed: float = 0.01  # a rigid pull on what is free that way: a catch, a jam
-    holds: tuple[float, float] = (4.0, 1.0)  # Beta of a grasp: successes and failures beforehand
+    # Beta of a grasp: successes and failures beforehand. Less than one of both: what one grasp
+    # finds at a place the next finds too; a corner taken for a handle offers no hold at all.
+    holds: tuple[float, float] = (0.8, 0.2)
     nothing_left: float = 0.05  # probability that anything opens below which the search ends
     worth_a_pull: float = 0.01  # probability below which what is held is not pulled another way
     # Robot's seconds: stepping aside, reaching and closing; a pull that opens, or is in vain.

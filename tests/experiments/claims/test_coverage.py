@@ -2,7 +2,7 @@ from dataclasses import replace
 
 import pytest
 
-from experiments import coverage
+from experiments.claims import coverage
 from experiments.pages.tables import NoRows
 from experiments.rows.rows import read_rows
 

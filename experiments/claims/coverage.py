@@ -1,6 +1,6 @@
 """Do covariances and probabilities tell the truth: tracks only, surface only, both?
 
-    python -m experiments.coverage --tracks runs/accuracy --recordings runs/surface-gain
+    python -m experiments.claims.coverage --tracks runs/accuracy --recordings runs/surface-gain
 
 Runs nothing: it reads the graph's rows of `experiments.accuracy_grid` (tracks) and of
 `experiments.surface_gain` (rendered recordings; tracks, surface and both), and prints tables:

@@ -1,6 +1,6 @@
 """How near to the Cramer-Rao bound is the graph, with axis, pivot and last state?
 
-    python -m experiments.cramer_rao --rows runs/accuracy
+    python -m experiments.claims.cramer_rao --rows runs/accuracy
 
 Runs no estimator: it reads the graph's rows of `experiments.accuracy_grid`, makes each opening
 again from its seed, works out the bound of that very opening (true noise, true parameters, latent

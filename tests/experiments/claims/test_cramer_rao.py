@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from experiments import cramer_rao
+from experiments.claims import cramer_rao
 from experiments.rows.rows import read_rows
 from experiments.scores.scoring import Errors
 from experiments.trials.bound_of_rows import bound_of
