@@ -211,9 +211,7 @@ def explore_request(
 
     config = demo_config(arguments, config or simulated_default())
     config = replace(config, explore=chosen_explore(arguments, config.explore))
-    memory = _memory_folder(arguments)
-    if memory is not None and (memory.exists() or not arguments.remember):  # else it begins
-        config = replace(config, explore=replace(config.explore, memory=str(memory)))
+    config = with_memory(arguments, config)
     stages, command = stages_of(config), command or command_of(arguments)
     thing = parse_object(arguments.object, arguments.joint, arguments.scale, arguments.allow)
     thing.spec(arguments.seed)  # refuses a broken one before anything is written
@@ -225,7 +223,7 @@ def explore_request(
         write_tree(folder / CONFIG, config, f"All settings of {command}")
     return ExploreRequest(
         thing, arguments.object, arguments.seed, arguments.locked, folder, config, stages,
-        command, memory if arguments.remember else None,
+        command, memory_folder(arguments) if arguments.remember else None,
     )  # fmt: skip
 
 
@@ -257,7 +255,15 @@ def simulated_default() -> DemoConfig:
     return replace(config, sim=replace(config.sim, franka=feeling))
 
 
-def _memory_folder(arguments: ExploreArguments) -> Path | None:
+def with_memory(arguments: ExploreArguments, config: Tree) -> Tree:
+    """The settings with the memory that is asked; one that has yet to begin is not."""
+    memory = memory_folder(arguments)
+    if memory is None or (arguments.remember and not memory.exists()):
+        return config
+    return replace(config, explore=replace(config.explore, memory=str(memory)))
+
+
+def memory_folder(arguments: ExploreArguments) -> Path | None:
     """The memory that was named, or that grows; None: the package's own."""
     if arguments.memory is not None or not arguments.remember:
         return arguments.memory

@@ -13,6 +13,7 @@ from akm_fg.cli.exploring.recorder import Recorder
 from akm_fg.cli.exploring.stages import explorer_of, perceiver_of
 from akm_fg.config import AkmConfig
 from akm_fg.errors import ArmStopped, CameraFailed, DryRunEnded
+from akm_fg.exploration.analogy.remembering import remember
 from akm_fg.exploration.explore import explore
 from akm_fg.exploration.explore_json import exploration_as_dict
 from akm_fg.exploration.records import Exploration
@@ -38,6 +39,7 @@ class RobotRequest:
     config: RobotConfig
     stages: Stages
     command: str
+    remember: Path | None = None  # memory of contacts that grows by what opens
 
 
 def explore_on_robot(request: RobotRequest, device: Any = None) -> Explored:
@@ -79,6 +81,10 @@ def explore_on_robot(request: RobotRequest, device: Any = None) -> Explored:
         except (ArmStopped, CameraFailed, DryRunEnded) as end:
             exploration.failure = str(end)
             explored.planned = isinstance(end, DryRunEnded)
+        if request.remember is not None:
+            count = remember(request.remember, exploration, perceived, request.name, "")
+            if count is not None:
+                recorder.stage(f"{count} contacts are remembered in {request.remember}")
     explored.model = write_part_model(request.folder, exploration, config)
     keep()
     write_outcome(

@@ -12,6 +12,8 @@ from akm_fg.cli.exploring.explore import (
     chosen_explore,
     command_of,
     exploring_default,
+    memory_folder,
+    with_memory,
 )
 from akm_fg.cli.exploring.kept import CONFIG, read_request
 from akm_fg.cli.exploring.on_robot import RobotConfig, RobotRequest
@@ -43,6 +45,7 @@ def robot_request(arguments: ExploreArguments) -> RobotRequest:
     given = arguments.config, arguments.tracker, arguments.segmenter
     config = chosen_config(default, *given)
     config = replace(config, explore=chosen_explore(arguments, config.explore))
+    config = with_memory(arguments, config)
     read_mounted_camera(arguments.calibration)  # refused before anything is written
     dry = arguments.dry_run
     hardware = HardwareRequest(arguments.robot, arguments.calibration, arguments.floor, dry)
@@ -53,4 +56,7 @@ def robot_request(arguments: ExploreArguments) -> RobotRequest:
     else:
         folder = make_run_folder(arguments.out, "explore-robot")
         write_tree(folder / CONFIG, config, f"All settings of {command}")
-    return RobotRequest(hardware, name, arguments.seed, folder, config, stages_of(config), command)
+    remember = memory_folder(arguments) if arguments.remember else None
+    return RobotRequest(
+        hardware, name, arguments.seed, folder, config, stages_of(config), command, remember
+    )

@@ -10,6 +10,7 @@ import json
 import re
 import threading
 import time
+from dataclasses import replace
 
 import gtsam
 import numpy as np
@@ -156,3 +157,8 @@ def test_the_settings_of_an_exploration_with_a_robot_are_kept_and_read_again(tmp
     again = chosen_config(RobotConfig(), request.folder / "config.toml")
     assert again == request.config
     assert chosen_config(AkmConfig(), request.folder / "config.toml").fit == again.fit
+    assert request.remember is None
+    asked = replace(arguments, memory=tmp_path, remember=True, parts="2")
+    request = robot_request(asked)
+    assert request.config.explore.memory == str(request.remember) == str(tmp_path)
+    assert request.config.explore.parts == 2
