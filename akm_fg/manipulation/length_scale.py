@@ -28,6 +28,7 @@ class LengthScaleConfig:
     hand_m: float = 0.001  # pads give, at either end
     hand_share: float = 0.002  # of the way: encoders off by 0.05 deg
     least_m: float = 0.03  # shorter ways tell nothing
+    gate_sigmas: float = 3.0  # of the calibration and the hand, beyond which the hand has slipped
 
 
 class LengthScale:
@@ -70,8 +71,13 @@ class LengthScale:
         c = self._config
         if abs(way) < c.least_m or (self._longest and abs(way) < abs(self._longest[0])):
             return
-        off = np.hypot(np.hypot(np.sqrt(2.0) * sd, c.hand_m) / abs(way), c.hand_share)
-        self._longest = way, (q_camera - q0) / way - 1.0, float(off)
+        off = float(np.hypot(np.hypot(np.sqrt(2.0) * sd, c.hand_m) / abs(way), c.hand_share))
+        s = (q_camera - q0) / way - 1.0
+        if abs(s) > c.gate_sigmas * np.hypot(self._prior_sd, off):
+            # No calibration is so far off: the hand has slipped along what it holds.
+            self._begun, self._longest = (q_camera, here), None
+            return
+        self._longest = way, s, off
 
     def let_go(self) -> None:
         """The hold ended, or the fingers slipped."""

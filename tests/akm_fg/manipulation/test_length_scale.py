@@ -25,6 +25,14 @@ def test_a_camera_that_sees_two_per_cent_too_much_is_found_out():
     assert scale.true_state(1.02 * 0.3, 0.0005, 0.0) == pytest.approx((q, sd))
 
 
+def test_a_hand_that_slips_along_the_handle_tells_no_scale():
+    scale = LengthScale(Joint("prismatic", np.eye(4), 0.0), sd=0.01)
+    for way in np.linspace(0.0, 0.2, 9):
+        scale.held(0.1 + 0.8 * way, 0.0005, at(0.7 + way))  # a fifth of the way is the hand's alone
+    assert scale.mean == pytest.approx(0.0, abs=1e-9)
+    assert scale.true_state(0.26, 0.0005, 0.0) == (0.26, pytest.approx(0.0026, rel=0.1))
+
+
 def test_short_ways_and_single_frames_tell_nothing():
     scale = LengthScale(Joint("prismatic", np.eye(4), 0.0), sd=0.01)
     scale.held(0.1, 0.0005, at(0.0))
