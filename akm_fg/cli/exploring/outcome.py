@@ -14,9 +14,10 @@ from akm_fg.exploration.page import exploration_part
 from akm_fg.exploration.records import Exploration
 from akm_fg.model.build import FittedRecording, build_model
 from akm_fg.model.read import FILE
-from akm_fg.model.records import Contact
+from akm_fg.model.records import Contact, ObjectModel
 from akm_fg.model.write import write_model
-from akm_fg.records import JointTruth, Look, Recording, first_hold
+from akm_fg.records import JointTruth, Look, Recording, RgbdFrame, first_hold
+from akm_fg.relocalization.relocalizer import Relocalizer
 from akm_fg.report.summary import PartTracks, RunSummary
 from akm_fg.report.write import write_report
 from akm_fg.stages import RecordingFit
@@ -105,16 +106,45 @@ def write_part_model(folder: Path, exploration: Exploration, config: AkmConfig) 
     recording, fit = last_recording(exploration), exploration.fit
     if not exploration.opened or fit is None or recording is None:
         return None
-    grasp = exploration.attempts[-1].T_world_grasp
-    contacts = None if grasp is None else [Contact(grasp, 0.0, succeeded=1)]
+    fitted = FittedRecording.of(recording, fit)
     try:
-        model = build_model(
-            FittedRecording.of(recording, fit),
-            contacts=contacts,
-            perception=config.perception,
-            config=config.model,
-        )
+        model = _built(fitted, exploration, config)
+        closed = closed_at(model, exploration.first_look, config)
+        if closed is not None:
+            exploration.notes.append("the part had crept open before the pull that opened it")
+            fitted = FittedRecording.of(recording, fit, closed)
+            model = _built(fitted, exploration, config)
     except InsufficientData as error:
         exploration.notes.append(f"no model.json: {error}")
         return None
     return write_model(folder, model)
+
+
+def _built(fitted: FittedRecording, exploration: Exploration, config: AkmConfig) -> ObjectModel:
+    """The model of a fitted recording, with the grasp that opened."""
+    model = build_model(fitted, contacts=[], perception=config.perception, config=config.model)
+    grasp, part = exploration.attempts[-1].T_world_grasp, model.parts[0]
+    if grasp is None:
+        return model
+    contact = Contact(part.T_world_part(0.0).inverse() * grasp, 0.0, succeeded=1)
+    return replace(model, parts=(replace(part, contacts=(contact,)),))
+
+
+def closed_at(model: ObjectModel, first: RgbdFrame | None, config: AkmConfig) -> float | None:
+    """Where the part was in the first look, in the states of its recording; None: where it began.
+
+    Pulls that were in vain may have moved what opens: the recording does not begin at closed then.
+    """
+    if first is None:
+        return None
+    noise = config.perception.observe.noise
+    belief = Relocalizer(model, 0, noise, config.relocalization).update(first)
+    if belief.mode != "tracking" or belief.mean is None or belief.sd is None:
+        return None
+    turns = model.parts[0].joint.turns
+    crept = abs(belief.mean) > max(CREPT_SIGMAS * belief.sd, CREPT_RAD if turns else CREPT_M)
+    return belief.mean if crept else None
+
+
+CREPT_SIGMAS = 3.0  # of the state in the first look: less is no sign of it
+CREPT_M, CREPT_RAD = 0.003, 0.01  # nor is this: catches and pads give as much

@@ -1,17 +1,21 @@
 """What an exploration leaves where its last looks have no states."""
 
 import numpy as np
+import pytest
 
-from akm_fg.cli.exploring.outcome import last_recording, solved_frames
+from akm_fg.cli.exploring.outcome import closed_at, last_recording, solved_frames
+from akm_fg.config import AkmConfig
 from akm_fg.exploration.records import Exploration
-from akm_fg.records import Look
-from tests.akm_fg.exploration.test_attempt import PaperCabinet, fit_of
+from akm_fg.model.build import FittedRecording, build_model
+from akm_fg.records import Look, Recording
+from tests.akm_fg.exploration.test_attempt import PaperCabinet
+from tests.akm_fg.exploration.test_attempt import fit_of as paper_fit
 
 
 def test_frames_after_the_last_solution_are_no_part_of_what_was_fitted():
     cabinet = PaperCabinet()
     looks = [Look(cabinet.capture(), cabinet.T_world_gripper(), k in (1, 2, 3)) for k in range(7)]
-    exploration = Exploration(first_look=looks[0].frame, looks=looks, fit=fit_of(0.1, 5))
+    exploration = Exploration(first_look=looks[0].frame, looks=looks, fit=paper_fit(0.1, 5))
     assert solved_frames(exploration.fit) == 5
     recording = last_recording(exploration)
     assert len(recording.frames) == len(recording.T_world_gripper) == 5
@@ -26,3 +30,15 @@ def test_without_a_fit_all_looks_of_the_attempt_are_shown_and_without_any_the_fi
     (only,) = last_recording(Exploration(first_look=first)).frames
     np.testing.assert_array_equal(only.rgb, first.rgb)
     assert last_recording(Exploration()) is None
+
+
+@pytest.mark.parametrize("name", ["door", "drawer"])
+def test_what_had_crept_open_before_is_closed_where_the_first_look_shows_it(request, name, fit_of):
+    clip = request.getfixturevalue(name)
+    fitted = FittedRecording.of(Recording("clip", clip.frames), fit_of(clip))
+    model = build_model(fitted)
+    assert closed_at(model, clip.frames[0], AkmConfig()) is None  # it began where it is closed
+    assert closed_at(model, None, AkmConfig()) is None
+    states = model.parts[0].states
+    found = closed_at(model, clip.frames[5], AkmConfig())
+    assert found == pytest.approx(states.mean[5], abs=4 * states.sd[5] + 0.004)
