@@ -132,7 +132,12 @@ def run_request(
     Raises:
         InputError: a target, part or model that cannot be used.
     """
-    from akm_fg.cli.exploring.explore import ExploreArguments, explore_request, simulated_default
+    from akm_fg.cli.exploring.explore import (
+        ALL_PARTS,
+        ExploreArguments,
+        explore_request,
+        simulated_default,
+    )
     from akm_fg.cli.running.simulated import ManipulateRequest
     from akm_fg.model.naming import part_name
     from akm_fg.model.read import read_model
@@ -158,6 +163,7 @@ def run_request(
         allow=arguments.allow, seed=arguments.seed,
         rig_errors=arguments.rig_errors, out=arguments.out, config=arguments.config,
         tracker=arguments.tracker, segmenter=arguments.segmenter,
+        parts="1" if arguments.part is None else ALL_PARTS,  # the one that is meant is among them
     )  # fmt: skip
     explore = explore_request(asked, config, command=command or _command(arguments), what=what)
     return ManipulateRequest(
