@@ -157,7 +157,10 @@ def _keyframes(folder: Path, part: ModelPart, seed: int) -> tuple[list[PartCloud
         return [], np.zeros(0)
     numbers = choose_keyframes(best.states.mean, KEYFRAMES)
     noise, rng = config.perception.observe.noise, np.random.default_rng(seed)
-    found = keyframe_clouds(recording, fit.observed, list(map(int, numbers)), noise, rng)
+    try:
+        found = keyframe_clouds(recording, fit.observed, list(map(int, numbers)), noise, rng)
+    except ValueError:  # too few points were followed for the baseline's masks
+        return [], np.zeros(0)
     kept = sorted(found)
     # The baseline's first keyframe is its zero.
     states = np.array([part.seen_state(float(best.states.mean[k])) for k in kept])
