@@ -39,6 +39,8 @@ class Relocalizer:
         part: place of the part among the model's.
         noise: of the depth.
         config: tuning.
+        scale_told: whether the caller knows better than the model how far off the camera's lengths
+            are; deviations do not hold that then.
     """
 
     def __init__(
@@ -47,7 +49,9 @@ class Relocalizer:
         part: int = 0,
         noise: DepthNoiseModel | None = None,
         config: RelocalizationConfig | None = None,
+        scale_told: bool = False,
     ) -> None:
+        self._scale_told = scale_told
         self.config, self.part = config or RelocalizationConfig(), model.parts[part]
         self._noise = noise or DepthNoiseModel()
         self._likelihood = StateLikelihood(self.part, model.static, self.config.likelihood)
@@ -88,10 +92,13 @@ class Relocalizer:
         def true(x: float | None) -> float | None:
             return None if x is None else x / unit
 
+        mean, sd, correction = true(belief.mean), true(belief.sd), self.part.correction
+        if correction is not None and mean is not None and sd is not None and not self._scale_told:
+            opened = mean - self.part.closed_state
+            sd = float(np.hypot(sd, correction.length_share_sd * opened))
         return replace(
-            belief, mean=true(belief.mean), sd=true(belief.sd), rate=true(belief.rate),
-            predicted=true(belief.predicted),
-        )  # fmt: skip
+            belief, mean=mean, sd=sd, rate=true(belief.rate), predicted=true(belief.predicted)
+        )
 
     def _states(self) -> FloatArray:
         """The grid, over all states that the part may have."""

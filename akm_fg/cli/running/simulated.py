@@ -147,8 +147,9 @@ def _manipulate(
     with RecordingWriter(request.explore.folder / RECORDING) as writer:
         recorder = RunRecorder(writer, world, part.joint.kind.unit, number)
         follower = Relocalizer(
-            model, ran.number, config.perception.observe.noise, config.relocalization
-        )
+            model, ran.number, config.perception.observe.noise, config.relocalization,
+            scale_told=True,
+        )  # fmt: skip
         manipulator = Manipulator(
             world.arm, camera, follower, part, ran.goal, ran.manipulation, recorder,
             config.manipulate, _FreshGrasps(request.explore), stream,
