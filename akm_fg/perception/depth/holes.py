@@ -86,7 +86,8 @@ def _lost_in_patches(known: BoolArray, config: HolesConfig) -> tuple[BoolArray, 
     of_known = cv2.boxFilter(readings, cv2.CV_32F, (around, around))
     lost = (of_islands > config.least_islands) & (of_known < config.most_known)
     lost &= of_islands > config.only_islands * of_known
-    return islands, np.asarray(lost)
+    square = np.ones((side, side), np.uint8)  # narrower are the rims of what is masked out
+    return islands, np.asarray(cv2.morphologyEx(lost.astype(np.uint8), cv2.MORPH_OPEN, square) > 0)
 
 
 def _between(

@@ -76,3 +76,14 @@ def test_the_whole_board_is_the_object_and_not_one_patch_of_it() -> None:
     frame, board = seen(0.25)
     mask = DepthObjectSegmenter().segment(without_holes(frame, NOISE))
     assert (mask & board).sum() > 0.8 * board.sum()
+
+
+def test_the_ragged_rim_of_what_is_masked_out_is_no_dark_surface() -> None:
+    """A robot cut out of a bright wall, its rim gnawed by a camera that loses a third of it."""
+    rng = np.random.default_rng(0)
+    v, u = np.mgrid[:480, :640]
+    out = np.hypot(u - 320, v - 240) - 120
+    lost = (out < 0) | ((out < 6) & (rng.random(out.shape) < 0.35))
+    depth = np.where(lost, np.nan, 1.6).astype(np.float32)
+    frame = RgbdFrame(0.0, np.zeros((480, 640, 3), np.uint8), depth, CAMERA, gtsam.Pose3())
+    assert without_holes(frame, NOISE) is frame
