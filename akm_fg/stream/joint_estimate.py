@@ -87,12 +87,7 @@ def estimate_in_steps(
         knowledge.append(settings.states)
     yield
     if change is not None:
-        try:
-            return (yield from _by_change(recording, observed, change, settings, knowledge))
-        except InsufficientData as error:  # the tracks explain less of the change, but have a joint
-            if not observed.segmentation.moving.any():
-                raise
-            log.info("%s: by depth: %s; the tracks are asked", recording.name, error)
+        return (yield from _by_change(recording, observed, change, settings, knowledge))
     return (yield from _by_tracks(recording, observed, settings, knowledge))
 
 

@@ -112,28 +112,3 @@ def test_a_mask_of_another_size_is_refused():
                         np.ones((480, 640), np.float32), CAMERA, gtsam.Pose3()),)  # fmt: skip
     with pytest.raises(ValueError, match="expected"):
         to_end(depth_change(Recording("x", frames), np.ones((4, 4), bool), NOISE))
-
-
-def lifted(gaps_px: list[int]) -> DepthChange:
-    """A wall with the board as the object, and plates that stand so many pixels above it."""
-    rgb, frames = np.zeros((480, 640, 3), np.uint8), []
-    for i, gap in enumerate([None, *gaps_px]):
-        depth = np.full((480, 640), 1.5, np.float32)
-        depth[BOARD] = 1.0
-        if gap is not None:
-            bottom = BOARD[0].start - gap
-            depth[bottom - 60 : bottom, BOARD[1]] = 0.9
-        frames.append(RgbdFrame(float(i), rgb, depth, CAMERA, gtsam.Pose3()))
-    mask = np.zeros((480, 640), bool)
-    mask[BOARD] = True
-    return to_end(depth_change(Recording("lid", tuple(frames)), mask, NOISE))
-
-
-def test_a_lid_that_stands_above_its_box_belongs_to_it_and_what_is_farther_away_does_not():
-    """The edge of a lid and its shadow have no depth: a dozen pixels lie between it and its box."""
-    assert lifted([12]).nearer[1].any()
-    assert not lifted([40]).nearer[1].any()
-
-
-def test_what_was_beside_the_object_a_frame_before_belongs_to_it():
-    assert lifted([12, 40]).nearer[2].any()
