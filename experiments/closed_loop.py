@@ -25,7 +25,7 @@ import sys
 import tempfile
 import time
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass, fields
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -39,7 +39,7 @@ from akm_fg.errors import AkmError
 from akm_fg.model.read import FILE
 from experiments.exploration import row_of
 from experiments.pages.tables import markdown, percent
-from experiments.rows.json_lines import append_line, whole_lines
+from experiments.rows.json_lines import append_line, rows_of
 from experiments.rows.provenance import note_run
 from experiments.scores.statistics import share
 from sim.objects.suites.catalogue import ALL_SUITES, find_suite
@@ -48,7 +48,8 @@ METHODS: dict[str, dict[str, object]] = {"covariance": {}, "blind": {"planner": 
 BIN = {"prismatic": 0.10, "revolute": float(np.deg2rad(10.0))}
 BINS = 4
 EXPLORED = "exploration"  # folder of the rows that experiments.exploration --table reads
-TOLERANCE = {"prismatic": "5mm", "revolute": "0.5deg"}  # of MSR_10's smallest: a half
+# Of what MSR_10 allows at least: a half. m, rad.
+TOLERANCE = {"prismatic": 0.005, "revolute": float(np.deg2rad(0.5))}
 ERRORS = (AkmError, ArithmeticError, ValueError, RuntimeError)
 
 
@@ -150,25 +151,29 @@ def kept_models(folder: Path) -> list[tuple[str, int, Path]]:
     return found
 
 
+def arguments_of(
+    name: str, kind: str, task: Task, seed: int, model: Path, out: Path
+) -> RunArguments:
+    """A task as `akm-fg run` takes it, camera and robot erring."""
+    unit = "m" if kind == "prismatic" else "rad"
+    target, start, tolerance = (
+        f"{state!r}{unit}" for state in (task.target, task.start, TOLERANCE[kind])
+    )
+    return RunArguments(
+        object=name, target=target, start=start, tolerance=tolerance, model=model, seed=seed,
+        rig_errors=True, out=out,
+    )  # fmt: skip
+
+
 def run_task(
     name: str, method: str, seed: int, number: int, task: Task, model: Path | None, kind: str
 ) -> ClosedLoopRow:
     """One task with one method."""
-    unit = "m" if kind == "prismatic" else "rad"
     if model is None or not (model / FILE).exists():
         return _failed(name, method, seed, number, task, kind, "exploration made no model")
     with tempfile.TemporaryDirectory(prefix="akm-fg-closed-loop-") as scratch:
-        arguments = RunArguments(
-            object=name,
-            target=f"{task.target!r}{unit}",
-            start=f"{task.start!r}{unit}",
-            tolerance=TOLERANCE[kind],
-            model=model,
-            seed=seed,
-            rig_errors=True,
-            out=Path(scratch),
-            **METHODS[method],  # type: ignore[arg-type]
-        )
+        arguments = arguments_of(name, kind, task, seed, model, Path(scratch))
+        arguments = replace(arguments, **METHODS[method])  # type: ignore[arg-type]
         began = time.process_time()
         try:
             ran = run_in_simulator(run_request(arguments))
@@ -207,7 +212,7 @@ def _row(
         claimed=ran.reached,
         probability=run.probability,
         final=ran.final_state,
-        tolerance=0.005 if kind == "prismatic" else float(np.deg2rad(0.5)),
+        tolerance=TOLERANCE[kind],
         rounds=run.rounds,
         looks=run.clear_looks,
         regrasps=run.regrasps,
@@ -234,21 +239,15 @@ def _failed(
     explored: bool = False,
 ) -> ClosedLoopRow:
     """A task that ended before anything moved."""
-    tolerance = 0.005 if kind == "prismatic" else float(np.deg2rad(0.5))
     return ClosedLoopRow(
         name, method, seed, number, kind, task.start, task.target, explored, None, False, 0.0, None,
-        tolerance, 0, 0, 0, [], None, None, None, None, 0.0, {}, 0.0, why,
+        TOLERANCE[kind], 0, 0, 0, [], None, None, None, None, 0.0, {}, 0.0, why,
     )  # fmt: skip
 
 
 def read_rows(folder: Path) -> list[ClosedLoopRow]:
     """The rows of all files of a folder; a line that an interruption cut is left out."""
-    known = {field.name for field in fields(ClosedLoopRow)}
-    rows = []
-    for file in sorted(folder.glob("*.jsonl")):
-        for _, data in whole_lines(file):
-            rows.append(ClosedLoopRow(**{key: data[key] for key in known}))
-    return rows
+    return rows_of(ClosedLoopRow, *sorted(folder.glob("*.jsonl")))
 
 
 def table(rows: Sequence[ClosedLoopRow]) -> str:

@@ -20,7 +20,7 @@ import sys
 import tempfile
 import time
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass, fields, replace
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -34,7 +34,7 @@ from akm_fg.errors import AkmError
 from akm_fg.exploration.records import Stretch
 from akm_fg.report.score import axis_angle_rad, line_distance_m
 from experiments.pages.tables import markdown, percent
-from experiments.rows.json_lines import append_line, whole_lines
+from experiments.rows.json_lines import append_line, rows_of
 from experiments.rows.provenance import note_run
 from experiments.scores.answers import answer_of_posterior
 from experiments.scores.scoring import consistency_of
@@ -180,12 +180,7 @@ def failed_row(name: str, setting: str, seed: int, error: Exception) -> Explorat
 
 def read_rows(folder: Path) -> list[ExplorationRow]:
     """The rows of all files of a folder; a line that an interruption cut is left out."""
-    known = {field.name for field in fields(ExplorationRow)}
-    rows = []
-    for file in sorted(folder.glob("*.jsonl")):
-        for _, data in whole_lines(file):
-            rows.append(ExplorationRow(**{key: data[key] for key in known}))
-    return rows
+    return rows_of(ExplorationRow, *sorted(folder.glob("*.jsonl")))
 
 
 def table(rows: Sequence[ExplorationRow]) -> str:

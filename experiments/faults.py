@@ -16,19 +16,19 @@ import json
 import sys
 import tempfile
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass, fields, replace
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
 import numpy as np
 
 from akm_fg.cli.object_argument import parse_object
-from akm_fg.cli.running.run import RunArguments, run_request
+from akm_fg.cli.running.run import run_request
 from akm_fg.cli.running.simulated import Ran, run_in_simulator
 from akm_fg.interfaces import Camera
 from akm_fg.records import RgbdFrame
-from experiments.closed_loop import BIN, ERRORS, TOLERANCE, kept_models, tasks_of
+from experiments.closed_loop import BIN, ERRORS, TOLERANCE, arguments_of, kept_models, tasks_of
 from experiments.pages.tables import markdown, percent
-from experiments.rows.json_lines import append_line, whole_lines
+from experiments.rows.json_lines import append_line, rows_of
 from experiments.rows.provenance import note_run
 from experiments.scores.statistics import share
 from sim.episode import SimEpisode
@@ -100,7 +100,6 @@ def run_fault(name: str, fault: str, number: int, seed: int, model: Path) -> Fau
     kind = str(parse_object(name).spec(seed).kind)
     rng = np.random.default_rng([seed, number, *fault.encode(), *name.encode()])
     task = tasks_of(name, kind, seed + number, 1)[0]
-    unit = "m" if kind == "prismatic" else "rad"
     disturbed: list[Disturbed] = []
 
     def through(world: SimEpisode) -> Camera:
@@ -108,10 +107,7 @@ def run_fault(name: str, fault: str, number: int, seed: int, model: Path) -> Fau
         return disturbed[0]
 
     with tempfile.TemporaryDirectory(prefix="akm-fg-faults-") as scratch:
-        arguments = RunArguments(
-            object=name, target=f"{task.target!r}{unit}", start=f"{task.start!r}{unit}",
-            tolerance=TOLERANCE[kind], model=model, seed=seed, rig_errors=True, out=Path(scratch),
-        )  # fmt: skip
+        arguments = arguments_of(name, kind, task, seed, model, Path(scratch))
         ran: Ran | None = None
         failure: str | None
         try:
@@ -120,7 +116,6 @@ def run_fault(name: str, fault: str, number: int, seed: int, model: Path) -> Fau
         except ERRORS as error:
             failure = f"{type(error).__name__}: {error}"
     run = None if ran is None else ran.manipulation
-    tolerance = 0.005 if kind == "prismatic" else float(np.deg2rad(0.5))
     final = None if ran is None else ran.final_state
     return FaultRow(
         name=name,
@@ -128,7 +123,7 @@ def run_fault(name: str, fault: str, number: int, seed: int, model: Path) -> Fau
         number=number,
         happened=bool(disturbed and disturbed[0].happened),
         claimed=bool(ran and ran.reached),
-        within=final is not None and abs(final - task.target) <= tolerance,
+        within=final is not None and abs(final - task.target) <= TOLERANCE[kind],
         failure=failure,
         probability=0.0 if run is None else run.probability,
         rounds=0 if run is None else run.rounds,
@@ -136,12 +131,6 @@ def run_fault(name: str, fault: str, number: int, seed: int, model: Path) -> Fau
         regrasps=0 if run is None else run.regrasps,
         limit_share=0.0 if ran is None else max(ran.limit_shares.values(), default=0.0),
     )
-
-
-def read_rows(file: Path) -> list[FaultRow]:
-    """The rows of a file; a line that an interruption cut is left out."""
-    known = [field.name for field in fields(FaultRow)]
-    return [FaultRow(**{key: data[key] for key in known}) for _, data in whole_lines(file)]
 
 
 def table(rows: Sequence[FaultRow]) -> str:
@@ -175,7 +164,7 @@ def main() -> None:
     if not arguments.table:
         note_run(arguments.models.parent)
         _run_missing(arguments, file)
-    rows = read_rows(file) if file.exists() else []
+    rows = rows_of(FaultRow, file)
     if rows:
         print(table(rows))
         for row in rows:
@@ -184,7 +173,7 @@ def main() -> None:
 
 
 def _run_missing(arguments: argparse.Namespace, file: Path) -> None:
-    done = {(row.name, row.fault, row.number) for row in (read_rows(file) if file.exists() else [])}
+    done = {(row.name, row.fault, row.number) for row in rows_of(FaultRow, file)}
     models = kept_models(arguments.models)
     for number in range(arguments.faults):
         fault = FAULTS[number % len(FAULTS)]

@@ -19,13 +19,13 @@ import json
 import sys
 import time
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass, fields, replace
+from dataclasses import asdict, dataclass
 from pathlib import Path
 
 import numpy as np
 
-from akm_fg.cli.demo_config import DemoConfig
-from akm_fg.cli.exploring.explore import simulated_default
+from akm_fg.cli.demo_config import DemoConfig, demo_config
+from akm_fg.cli.exploring.explore import ExploreArguments, simulated_default
 from akm_fg.cli.object_argument import parse_object
 from akm_fg.cli.simulated_run import opened_world
 from akm_fg.errors import AkmError
@@ -42,11 +42,10 @@ from experiments.baselines.estimate import JointEstimate
 from experiments.baselines.relocalize import relocalize
 from experiments.closed_loop import kept_models
 from experiments.pages.tables import markdown, percent
-from experiments.rows.json_lines import append_line, whole_lines
+from experiments.rows.json_lines import append_line, rows_of
 from experiments.rows.provenance import note_run
 from experiments.scores.statistics import share
 from experiments.trials.part_clouds import MAX_POINTS, keyframe_clouds
-from sim.camera.rig import RigErrors
 from sim.episode import SimEpisode
 
 MOST = {False: 0.40, True: float(np.deg2rad(40.0))}  # m, rad: the paper's tasks
@@ -90,7 +89,7 @@ def run_object(
     model = read_model(folder)
     part = model.parts[0]
     clouds, seen = _keyframes(folder, part, seed) if baseline else ([], np.zeros(0))
-    config = _erring(simulated_default())
+    config = demo_config(ExploreArguments(rig_errors=True), simulated_default())
     rows = []
     with opened_world(parse_object(name), seed, config.sim, "published") as world:
         frame = world.camera.capture()
@@ -140,10 +139,6 @@ def _one(
     )  # fmt: skip
 
 
-def _erring(config: DemoConfig) -> DemoConfig:
-    return replace(config, sim=replace(config.sim, rig=RigErrors()))
-
-
 def _keyframes(folder: Path, part: ModelPart, seed: int) -> tuple[list[PartCloud], FloatArray]:
     """Clouds of the part in the exploration's recording, and their states, as the camera sees."""
     recording = read_recording(sorted(folder.glob("attempt-*"))[-1])
@@ -181,12 +176,6 @@ def _cloud(frame: RgbdFrame, config: DemoConfig) -> PartCloud:
     p_cam = frame.camera.back_project(uv, frame.depth_m[v[pick], u[pick]].astype(float))
     T = frame.T_world_cam.matrix()
     return part_cloud(p_cam @ T[:3, :3].T + T[:3, 3])
-
-
-def read_rows(file: Path) -> list[RelocalizationRow]:
-    """The rows of a file; a line that an interruption cut is left out."""
-    known = [field.name for field in fields(RelocalizationRow)]
-    return [RelocalizationRow(**{key: data[key] for key in known}) for _, data in whole_lines(file)]
 
 
 def table(rows: Sequence[RelocalizationRow]) -> str:
@@ -237,13 +226,13 @@ def main() -> None:
     if not arguments.table:
         note_run(arguments.models.parent)
         _run_missing(arguments, file)
-    rows = read_rows(file) if file.exists() else []
+    rows = rows_of(RelocalizationRow, file)
     if rows:
         print(table(rows))
 
 
 def _run_missing(arguments: argparse.Namespace, file: Path) -> None:
-    done = {(row.name, row.seed) for row in (read_rows(file) if file.exists() else [])}
+    done = {(row.name, row.seed) for row in rows_of(RelocalizationRow, file)}
     objects = 0
     for name, seed, folder in kept_models(arguments.models):
         if (name, seed) in done:

@@ -16,6 +16,7 @@ from sim.camera.rig import PERFECT, DrawnRig, RigErrors
 from sim.camera.views import FixedViewConfig, ViewConfig, camera_pose, fixed_view
 from sim.objects.imported.imported_spec import ImportOptions
 from sim.objects.staging import PlacementMode
+from sim.robot.contacts import contacts
 from sim.robot.franka import SimFranka
 from sim.robot.franka_config import FrankaConfig
 from sim.world import SimWorld, WorldConfig
@@ -44,6 +45,12 @@ class SimEpisode:
     def truth(self, part: int = 0) -> JointTruth:
         """A true joint and its state now. For scoring alone."""
         return self.world.truth(part)
+
+    def pressed_n(self) -> float:
+        """Force on the object of all links but the fingers, as the last step left it."""
+        world, fingers = self.world, set(self.arm.gripper.joints)
+        touching = contacts(world.client, world.robot_id, world.object_id)
+        return sum(contact.force_n for contact in touching if contact.link not in fingers)
 
     def true_T_world_gripper(self) -> gtsam.Pose3:
         """Where the gripper is, whatever the arm takes itself for. For scoring alone."""

@@ -304,20 +304,15 @@ class Manipulator:
                 with taking(self._run.time_s, "reach"):
                     for _ in self._arm.grasp(T, self._config.tick_s, feel_m, onward):
                         pass
-            except GraspFailed as error:
+            except (GraspFailed, MotionInfeasible) as error:
                 self._failed_holds += 1
                 self._lost_grasps.append(T)
                 if self._failed_holds >= config.most_failures:
                     raise
-                self._look_clear(str(error))
-                continue
-            except MotionInfeasible as error:
-                # No free way there: others may have one.
-                self._failed_holds += 1
-                self._lost_grasps.append(T)
-                if self._failed_holds >= config.most_failures:
-                    raise
-                log.info("grasp refused: %s", error)
+                if isinstance(error, GraspFailed):
+                    self._look_clear(str(error))
+                else:  # no free way there: others may have one
+                    log.info("grasp refused: %s", error)
                 continue
             self._look()
             q, _ = self._known()

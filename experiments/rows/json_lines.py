@@ -6,10 +6,12 @@ import json
 import logging
 import os
 from collections.abc import Iterator
+from dataclasses import fields
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 log = logging.getLogger(__name__)
+Row = TypeVar("Row")
 
 
 def append_line(file: Path, line: str) -> None:
@@ -35,3 +37,9 @@ def whole_lines(file: Path) -> Iterator[tuple[int, Any]]:
             yield number, json.loads(line)
         except json.JSONDecodeError:
             log.warning("%s:%d is not a whole row and is left out", file, number)
+
+
+def rows_of(row: type[Row], *files: Path) -> list[Row]:
+    """The rows of files, each made of the fields that its dataclass knows."""
+    known = [field.name for field in fields(row)]  # type: ignore[arg-type]
+    return [row(**{key: data[key] for key in known}) for f in files for _, data in whole_lines(f)]

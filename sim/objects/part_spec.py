@@ -20,66 +20,6 @@ from sim.objects.mechanisms import Catch, Closer
 Hinge = Literal["left", "right", "top", "bottom"]  # where it is, as seen from before the front
 
 
-class PartSpec(Protocol):
-    """What the world needs to know of any object with one moving part."""
-
-    @property
-    def name(self) -> str:
-        """What the object is called."""
-
-    @property
-    def seed(self) -> int:
-        """Of what varies from one meeting to the next."""
-
-    @property
-    def kind(self) -> Literal["prismatic", "revolute"]:
-        """Of the joint."""
-
-    @property
-    def hinge(self) -> Hinge | None:
-        """Where the part turns; None where it slides."""
-
-    @property
-    def size_m(self) -> FloatArray:
-        """(3,) width, depth, height."""
-
-    @property
-    def mass_kg(self) -> float:
-        """Of the moving part."""
-
-    @property
-    def damping(self) -> float:
-        """N s/m or N m s/rad."""
-
-    @property
-    def friction(self) -> float:
-        """Coulomb, N or N m."""
-
-    @property
-    def upper(self) -> float:
-        """End of the range, m or rad; it begins at 0, closed."""
-
-    @property
-    def handle_mu(self) -> float:
-        """Sliding friction of the handle against rubber with mu 1."""
-
-    @property
-    def balanced(self) -> bool:
-        """Springs or struts carry the part's weight."""
-
-    @property
-    def view_side(self) -> float:
-        """+1 or -1: from where, along x, the opened front is seen best; 0: from both."""
-
-    @property
-    def catch(self) -> Catch | None:
-        """Holds the part closed."""
-
-    @property
-    def closer(self) -> Closer | None:
-        """Pulls the part shut."""
-
-
 class Mechanism(Protocol):
     """A part that opens, as far as physics goes."""
 
@@ -101,7 +41,7 @@ class Mechanism(Protocol):
 
     @property
     def upper(self) -> float:
-        """End of the range, m or rad."""
+        """End of the range, m or rad; it begins at 0, closed."""
 
     @property
     def handle_mu(self) -> float:
@@ -118,6 +58,30 @@ class Mechanism(Protocol):
     @property
     def closer(self) -> Closer | None:
         """Pulls it shut."""
+
+
+class PartSpec(Mechanism, Protocol):
+    """What the world needs to know of any object with one moving part."""
+
+    @property
+    def name(self) -> str:
+        """What the object is called."""
+
+    @property
+    def seed(self) -> int:
+        """Of what varies from one meeting to the next."""
+
+    @property
+    def hinge(self) -> Hinge | None:
+        """Where the part turns; None where it slides."""
+
+    @property
+    def size_m(self) -> FloatArray:
+        """(3,) width, depth, height."""
+
+    @property
+    def view_side(self) -> float:
+        """+1 or -1: from where, along x, the opened front is seen best; 0: from both."""
 
 
 @runtime_checkable

@@ -19,8 +19,8 @@ from akm_fg.arm.motion.pulling import Pull
 from akm_fg.arm.motion.reaching import (
     GraspConfiguration,
     GraspOptions,
+    clear_options,
     followed,
-    grasp_options,
     line_motion,
     looked_along,
     standoff,
@@ -224,13 +224,7 @@ class SimFranka:
         """
         reach = self.config.reach
         around = self._scene.around(T_world_grasp, reach.margins_m[0])
-        options = grasp_options(self._kinematics, T_world_grasp, around, reach, onward)
-        where = f"the grasp at {np.round(T_world_grasp.translation(), 3)} m"
-        if not options.reachable:
-            raise MotionInfeasible(f"{where} is out of the arm's reach")
-        if not options.configurations:
-            raise MotionInfeasible(f"{where} is not clear: {options.touched} would touch")
-        return around, options
+        return around, clear_options(self._kinematics, T_world_grasp, around, reach, onward)
 
     def _reach(
         self,

@@ -13,6 +13,7 @@ from akm_fg.arm.body.collision import resampled
 from akm_fg.arm.body.kinematics import Q_HOME, Q_MAX, Q_MIN, FrankaKinematics, limit_margin_rad
 from akm_fg.arm.body.model import N_ARM
 from akm_fg.arm.motion.surroundings import Surroundings
+from akm_fg.errors import MotionInfeasible
 from akm_fg.records import FloatArray
 
 # Of the joints' limits, kept while the hand holds: nearer, the soft springs there hold it back
@@ -132,6 +133,27 @@ def grasp_options(
         scores = [_score(kinematics, T_world_grasp, choice, config) for choice in clear]
     order = sorted(range(len(clear)), key=lambda i: -scores[i])  # stable: home's branch first
     return GraspOptions(tuple(clear[i] for i in order), bool(ways), touched)
+
+
+def clear_options(
+    kinematics: FrankaKinematics,
+    T_world_grasp: gtsam.Pose3,
+    around: Surroundings,
+    config: ReachConfig,
+    onward: Sequence[gtsam.Pose3] = (),
+) -> GraspOptions:
+    """As `grasp_options`, at least one.
+
+    Raises:
+        MotionInfeasible: there are none: out of reach, or not clear of what is named.
+    """
+    options = grasp_options(kinematics, T_world_grasp, around, config, onward)
+    where = f"the grasp at {np.round(T_world_grasp.translation(), 3)} m"
+    if not options.reachable:
+        raise MotionInfeasible(f"{where} is out of the arm's reach")
+    if not options.configurations:
+        raise MotionInfeasible(f"{where} is not clear: {options.touched} would touch")
+    return options
 
 
 def _onward(

@@ -13,7 +13,6 @@ from akm_fg.exploration.records import Attempt
 from akm_fg.io.recording_writer import RecordingWriter
 from akm_fg.records import JointTruth, Look
 from sim.episode import SimEpisode
-from sim.robot.contacts import contacts
 
 
 class ScoredRecorder(Recorder):
@@ -37,7 +36,7 @@ class ScoredRecorder(Recorder):
         self.truths.append(truths)
         farthest = max(abs(float(truth.states[-1])) for truth in truths)
         self.largest_state = max(self.largest_state, farthest)
-        self.pressed_n = max(self.pressed_n, self._pressed_n())
+        self.pressed_n = max(self.pressed_n, self._world.pressed_n())
         super().looked(look)
 
     def truth(self) -> JointTruth:
@@ -58,8 +57,3 @@ class ScoredRecorder(Recorder):
     def _finish(self, writer: RecordingWriter) -> None:
         writer.set_truth(self.truth())
         super()._finish(writer)
-
-    def _pressed_n(self) -> float:
-        world, fingers = self._world.world, set(self._world.arm.gripper.joints)
-        touching = contacts(world.client, world.robot_id, world.object_id)
-        return sum(contact.force_n for contact in touching if contact.link not in fingers)

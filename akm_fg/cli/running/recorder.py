@@ -14,7 +14,6 @@ from akm_fg.records import JointTruth, Look, first_hold
 from akm_fg.report.wording import state
 from factors.joint import Unit
 from sim.episode import SimEpisode
-from sim.robot.contacts import contacts
 
 RECORDING = "recording"  # the folder of the recording in the folder of the run
 
@@ -35,10 +34,7 @@ class RunRecorder:
     def looked(self, look: Look) -> None:
         """Write the frame; the truth goes beside it, for scoring alone."""
         self.truths.append(self._world.world.truth(self._number))
-        world, fingers = self._world.world, set(self._world.arm.gripper.joints)
-        touching = contacts(world.client, world.robot_id, world.object_id)
-        pressed_n = sum(each.force_n for each in touching if each.link not in fingers)
-        self.pressed_n = max(self.pressed_n, pressed_n)
+        self.pressed_n = max(self.pressed_n, self._world.pressed_n())
         self._looks.append(look)
         self._writer.add(look.frame, T_world_gripper=look.T_world_gripper)
 

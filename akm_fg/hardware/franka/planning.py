@@ -17,7 +17,7 @@ from akm_fg.arm.body.kinematics import Q_MAX, Q_MIN, FrankaKinematics
 from akm_fg.arm.body.silhouette import ArmSilhouette
 from akm_fg.arm.motion.aside import aside
 from akm_fg.arm.motion.free_motion import RrtConnectPlanner
-from akm_fg.arm.motion.reaching import GraspConfiguration, followed, grasp_options
+from akm_fg.arm.motion.reaching import GraspConfiguration, clear_options, followed
 from akm_fg.arm.motion.reference import within_joint_limits
 from akm_fg.arm.motion.surroundings import KnownScene, Surroundings
 from akm_fg.errors import MotionInfeasible
@@ -111,14 +111,10 @@ class ArmPlanner:
         """What is around, and the clear configurations within this robot's limits: at least one."""
         reach = self.config.reach
         around = self.scene.around(T_world_grasp, reach.margins_m[0])
-        options = grasp_options(self.kinematics, T_world_grasp, around, reach, onward)
-        where = f"the grasp at {np.round(T_world_grasp.translation(), 3)} m"
-        if not options.reachable:
-            raise MotionInfeasible(f"{where} is out of the arm's reach")
-        if not options.configurations:
-            raise MotionInfeasible(f"{where} is not clear: {options.touched} would touch")
+        options = clear_options(self.kinematics, T_world_grasp, around, reach, onward)
         possible = [x for x in options.configurations if self._within(x.q_pregrasp, x.q_grasp)]
         if not possible:
+            where = f"the grasp at {np.round(T_world_grasp.translation(), 3)} m"
             raise MotionInfeasible(f"{where} is beyond this robot's joint limits")
         return around, possible
 
