@@ -3,7 +3,8 @@
 A grasp that held at state q_0 is at M(q - q_0) T there, with the covariance of `predict_pose`. What
 of it lies along the fingers' opening must fit between them; what lies along the approach is felt
 for. Fingers that hold a bar hold it as well turned about their opening, a little about the bar, and
-with the hand the other way round: whichever of these the arm can go on with farthest is taken.
+with the hand the other way round; of what stands open the free edge is held, too
+(`akm_fg.manipulation.board_grasps`): whichever of these the arm can go on with farthest is taken.
 """
 
 from __future__ import annotations
@@ -18,6 +19,7 @@ import numpy as np
 
 from akm_fg.errors import MotionInfeasible
 from akm_fg.interfaces import Arm
+from akm_fg.manipulation.board_grasps import BoardGrasp, board_grasps
 from akm_fg.manipulation.config import HoldConfig
 from akm_fg.model.records import ModelPart
 from akm_fg.planning.move_length import LEVEL
@@ -42,6 +44,7 @@ class CarriedGrasp:
     T_world_grasp: gtsam.Pose3
     opening_m: float  # 95 % bound of where the handle is, along the fingers' opening
     depth_m: float  # and along the approach
+    board: BoardGrasp | None = None  # where it is of a front's edge
 
 
 @dataclass(frozen=True, slots=True)
@@ -126,11 +129,11 @@ def choose_grasp(
             f"the handle is known to +-{1e3 * wide[0].opening_m:.0f} mm, more than fingers open"
         )
     usable = [each for each in known if each not in wide]
-    depth_m = max([each.depth_m for each in usable], default=config.feel_m)
     tried: list[CarriedGrasp] = []
     best: ChosenGrasp | None = None
     refusal: MotionInfeasible | None = None
-    for grasp in _in_turn(usable, fresh, depth_m, config):
+    boards = _boards(part, q, usable, config) if usable else []
+    for grasp in _in_turn(usable, fresh, boards, config):
         if any(_same(grasp.T_world_grasp, T) for T in lost):
             continue
         if len(tried) >= config.most_grasps:
@@ -143,6 +146,7 @@ def choose_grasp(
         except MotionInfeasible as error:
             refusal = refusal or error
             continue
+        reach = min(reach, room_for(part, grasp.board, q, q_target, config))
         if best is None or reach > best.reach:
             best = ChosenGrasp(grasp, reach)
         if reach >= config.enough:
@@ -163,16 +167,41 @@ def way_of(
     return [gtsam.Pose3(gtsam.Rot3(R[k]), t[k]) * T_world_hand for k in range(len(steps))]
 
 
+def room_for(
+    part: ModelPart, board: BoardGrasp | None, q: float, q_target: float, config: HoldConfig
+) -> float:
+    """Share of the way on which the hand has room behind the front whose edge it holds."""
+    if board is None:
+        return 1.0
+    steps = np.linspace(q, q_target, config.way_poses + 1)[1:]
+    room = [board.opening_m(part, float(step)) >= config.board.room_m for step in steps]
+    return (room.index(False) if False in room else len(room)) / len(room)
+
+
+def _boards(
+    part: ModelPart, q: float, known: Sequence[CarriedGrasp], config: HoldConfig
+) -> list[CarriedGrasp]:
+    """Edges of the front, where it stands open, as sure as the handles are."""
+    opening_m, depth_m = known[0].opening_m, known[0].depth_m
+    return [
+        CarriedGrasp(part.T_world_part(q) * board.T_part_grasp, opening_m, depth_m, board)
+        for board in board_grasps(part, config.board)
+        if board.opening_m(part, q) >= config.board.room_m
+    ]
+
+
 def _in_turn(
     known: Sequence[CarriedGrasp],
     fresh: Sequence[gtsam.Pose3],
-    depth_m: float,
+    boards: Sequence[CarriedGrasp],
     config: HoldConfig,
 ) -> Iterator[CarriedGrasp]:
-    """Carried as they held, a few as they are seen, then the carried ones turned."""
+    """Carried as they held, a few as they are seen, then edges, then the carried ones turned."""
+    depth_m = max([each.depth_m for each in known], default=config.feel_m)
     yield from known
     for T in fresh[: config.most_grasps // 3]:
         yield CarriedGrasp(T, 0.0, depth_m)
+    yield from boards[: config.most_boards]
     for each in known:
         for T in itertools.islice(variants(each.T_world_grasp, config), 1, None):
             yield CarriedGrasp(T, each.opening_m, each.depth_m)

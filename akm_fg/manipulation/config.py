@@ -7,6 +7,7 @@ from typing import Literal
 
 import numpy as np
 
+from akm_fg.manipulation.board_grasps import BoardConfig
 from akm_fg.manipulation.length_scale import LengthScaleConfig
 from akm_fg.planning.move_length import MoveConfig
 from akm_fg.planning.opening_path import HandLimits
@@ -18,7 +19,8 @@ PlannerName = Literal["covariance", "blind"]
 class HoldConfig:
     """Taking hold of a part whose state and joint are known to so much."""
 
-    most_grasps: int = 14  # asked of the planner, each time
+    most_grasps: int = 20  # asked of the planner, each time
+    most_boards: int = 6  # of them of a front's edge
     most_failures: int = 4  # of taking hold, in one run
     enough: float = 0.98  # of the way ahead, within reach: no other grasp is asked for
     least: float = 0.15  # less of it is no grasp worth taking
@@ -37,6 +39,7 @@ class HoldConfig:
     # bar, and with the hand the other way round.
     along_rad: tuple[float, ...] = tuple(np.deg2rad([0.0, 25.0, -25.0, 45.0, -45.0]))
     about_rad: tuple[float, ...] = tuple(np.deg2rad([0.0, 20.0, -20.0]))
+    board: BoardConfig = field(default_factory=BoardConfig)
 
 
 @dataclass(frozen=True, slots=True)

@@ -19,16 +19,18 @@ from akm_fg.errors import GraspFailed, MotionInfeasible, TracksLost
 from akm_fg.exploration.processor_time import taking
 from akm_fg.interfaces import Arm, Camera
 from akm_fg.io.recording_depth import as_stored
+from akm_fg.manipulation.board_grasps import BoardGrasp
 from akm_fg.manipulation.carried_grasps import (
     ChosenGrasp,
     FreshGrasps,
     choose_grasp,
     not_so_deep,
+    room_for,
     way_of,
 )
 from akm_fg.manipulation.config import ManipulateConfig
 from akm_fg.manipulation.length_scale import LengthScale
-from akm_fg.manipulation.records import Action, Decision, Goal, Manipulation, Stop
+from akm_fg.manipulation.records import Action, Decision, Goal, Hold, Manipulation, Stop
 from akm_fg.model.records import ModelPart
 from akm_fg.planning.move_length import Move, next_move
 from akm_fg.planning.opening_path import plan_opening
@@ -111,6 +113,7 @@ class Manipulator:
         self._failed_holds = 0
         self._short_m = 0.0  # of where the hand was sent, by friction: the next move makes it up
         self._lost_grasps: list[gtsam.Pose3] = []
+        self._board: BoardGrasp | None = None  # whose edge is held
         self._frame: RgbdFrame | None = None  # the last from behind the arm
 
     def run(self) -> None:
@@ -178,8 +181,10 @@ class Manipulator:
 
     def _within_reach(self, q: float, move: Move) -> Move | None:
         """The move, cut where the arm does not get farther; None where it gets nowhere."""
-        poses = way_of(self._part, self._arm.T_world_gripper(), q, move.q_end, self._config.hold)
-        reached = self._arm.can_follow(poses)
+        hold = self._config.hold
+        poses = way_of(self._part, self._arm.T_world_gripper(), q, move.q_end, hold)
+        room = round(len(poses) * room_for(self._part, self._board, q, move.q_end, hold))
+        reached = min(self._arm.can_follow(poses), room)
         if reached == len(poses):
             return move
         if reached == 0:
@@ -263,8 +268,8 @@ class Manipulator:
     def _hold_otherwise(self, why: str) -> None:
         """Let go, look, and not take the same grasp again."""
         self._run.regrasps += 1
-        if self._run.grasps:
-            self._lost_grasps.append(self._run.grasps[-1][0])
+        if self._run.holds:
+            self._lost_grasps.append(self._run.holds[-1].T_world_gripper)
         self._look_clear(why)
 
     def _pull_on(self, q: float) -> None:
@@ -294,8 +299,11 @@ class Manipulator:
             q, sd = self._known()
             with taking(self._run.time_s, "plan"):
                 chosen = self._chosen(q, sd)
+            what = "the front's edge" if chosen.grasp.board else "the handle"
             self._decide(
-                "grasp", f"reaches {100 * chosen.reach:.0f} % of the way", reach=chosen.reach
+                "grasp",
+                f"by {what}, {100 * chosen.reach:.0f} % of the way is within reach",
+                reach=chosen.reach,
             )
             T = chosen.grasp.T_world_grasp
             onward = way_of(self._part, T, q, self._goal.state, config)
@@ -314,9 +322,11 @@ class Manipulator:
                 else:  # no free way there: others may have one
                     log.info("grasp refused: %s", error)
                 continue
+            self._board = chosen.grasp.board
             self._look()
             q, _ = self._known()
-            self._run.grasps.append((self._arm.T_world_gripper(), q))
+            by_edge = self._board is not None
+            self._run.holds.append(Hold(self._arm.T_world_gripper(), q, by_edge))
             return
 
     def _chosen(self, q: float, sd: float) -> ChosenGrasp:

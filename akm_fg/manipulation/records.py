@@ -45,6 +45,15 @@ class Stop:
     opening: bool  # whether it was on its way away from closed
 
 
+@dataclass(frozen=True, slots=True)
+class Hold:
+    """The part was held."""
+
+    T_world_gripper: gtsam.Pose3
+    state: float  # of the part then
+    by_edge: bool = False  # of its front, which is free only where the part stands open
+
+
 @dataclass(slots=True)
 class Manipulation:
     """What has happened so far; stays readable when it is interrupted."""
@@ -57,7 +66,7 @@ class Manipulation:
     probability: float = 0.0  # of being within tolerance, at the end
     stop: Stop | None = None  # met on the way
     failure: str | None = None
-    grasps: list[tuple[gtsam.Pose3, float]] = field(default_factory=list)  # hand, state, each hold
+    holds: list[Hold] = field(default_factory=list)
     time_s: dict[str, float] = field(default_factory=dict)
 
     @property

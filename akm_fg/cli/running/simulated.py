@@ -263,9 +263,12 @@ def _with_stop(part: ModelPart, run: Manipulation) -> ModelPart:
 
 
 def _with_holds(part: ModelPart, run: Manipulation) -> ModelPart:
-    """With the grasps that held."""
+    """With the grasps of the handle that held."""
     held = [
-        HeldContact(part.T_world_part(state).inverse() * T, state, succeeded=1)
-        for T, state in run.grasps
+        HeldContact(
+            part.T_world_part(hold.state).inverse() * hold.T_world_gripper, hold.state, succeeded=1
+        )
+        for hold in run.holds
+        if not hold.by_edge
     ]
     return replace(part, contacts=(*part.contacts, *held))
