@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import tempfile
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -13,7 +14,7 @@ import numpy as np
 from akm_fg.arm.body.description import franka_description
 from akm_fg.arm.body.kinematics import Q_HOME, FrankaKinematics, IkConfig
 from akm_fg.arm.body.model import N_ARM
-from akm_fg.records import JointTruth
+from akm_fg.records import FloatArray, JointTruth
 from sim.bullet import connect, joint_index, load_urdf, p
 from sim.camera.robot_meshes import light_panda_urdf
 from sim.objects.imported.imported_spec import ImportOptions
@@ -40,6 +41,11 @@ class WorldConfig:
     pad_damping_n_s_m: float = 2e4
     ik: IkConfig = field(default_factory=IkConfig)  # of the arm; objects are placed by it too
 
+
+# Where an arm may be put that stands in a part's way: turned aside, and drawn back.
+TURNS_RAD = tuple(np.deg2rad([90.0, -90.0, 130.0, -130.0]))  # of the first axis, from home
+BACK_RAD = (0.0, -0.9)  # of the second
+NEAR_M = 0.03  # between robot and object: nearer is in the way
 
 LOCK_FORCE = 1e4  # N or N m, of a locked joint: the arm can exert a hundred
 
@@ -178,9 +184,30 @@ class SimWorld:
         return float(p.getJointState(self.object_id, joint, physicsClientId=self.client)[0])
 
     def put_part(self, state: float, part: int = 0) -> None:
-        """A part is at another state, at rest: moved while nobody looked."""
+        """A part is at another state, at rest: moved while nobody looked.
+
+        Where the arm would stand in its way it is put out of it: whoever moves the part does so.
+        """
         joint = self.part_joints[part]
         p.resetJointState(self.object_id, joint, state, 0.0, physicsClientId=self.client)
+        if not self._robot_touches():
+            return
+        for back_rad, turn_rad in itertools.product(BACK_RAD, TURNS_RAD):
+            q = Q_HOME + np.array([turn_rad, back_rad, *[0.0] * (N_ARM - 2)])
+            self._put_arm(q)
+            if not self._robot_touches():
+                return
+
+    def _robot_touches(self) -> bool:
+        """Whether a part of the object is where the robot is, or nearly."""
+        near = p.getClosestPoints(
+            self.robot_id, self.object_id, NEAR_M, physicsClientId=self.client
+        )
+        return bool(near)
+
+    def _put_arm(self, q: FloatArray) -> None:
+        for j in range(N_ARM):
+            p.resetJointState(self.robot_id, j, q[j], physicsClientId=self.client)
 
     def truth(self, part: int = 0) -> JointTruth:
         """A true joint and its state now. For scoring alone: nothing on the robot sees it."""
@@ -258,8 +285,7 @@ class SimWorld:
                 jointDamping=0.0,
                 physicsClientId=self.client,
             )
-        for j in range(N_ARM):
-            p.resetJointState(self.robot_id, j, Q_HOME[j], physicsClientId=self.client)
+        self._put_arm(Q_HOME)
         for finger in finger_links(self.client, self.robot_id):
             p.resetJointState(self.robot_id, finger, 0.04, physicsClientId=self.client)
             p.changeDynamics(

@@ -65,3 +65,22 @@ def test_a_locked_part_does_not_give_to_eighty_newtons_and_a_free_one_does(name:
                 world.step()
             moved.append(abs(world.part_state()))
     assert moved[0] < 1e-3 and moved[1] > 0.05
+
+
+def test_an_arm_in_the_way_of_a_part_that_is_put_elsewhere_is_put_out_of_it():
+    """A drawer at the height of the hand, drawn out to where the arm stands at home."""
+    with SimWorld("furniture-dev/drawer-015", 1, placement="published") as world:
+
+        def turned() -> float:
+            return float(p.getJointState(world.robot_id, 0, physicsClientId=world.client)[0])
+
+        def apart_m() -> float:
+            bodies = (world.robot_id, world.object_id)
+            near = p.getClosestPoints(*bodies, 1.0, physicsClientId=world.client)
+            return min(point[8] for point in near)
+
+        home = turned()
+        world.put_part(0.1)
+        assert turned() == home and apart_m() > 0.0  # nothing is in the way yet
+        world.put_part(0.3)
+        assert turned() != home and apart_m() > 0.0

@@ -278,3 +278,21 @@ def test_rounds_end_with_the_probability_it_has(moved):
     run = moved(world, 0.3)
     assert run.rounds <= CONFIG.max_rounds
     assert "probability 0.00" in run.failure
+
+
+class AtItsBase(World):
+    """A drawer whose handle is out of the arm's reach where it stands far open."""
+
+    def reachable(self, T, onward=()):
+        if self.state > 0.2 and T.rotation().matrix()[2, 2] > -0.9:
+            raise MotionInfeasible("the grasp is out of the arm's reach")
+        return 1.0
+
+
+def test_a_drawer_at_the_robots_base_is_moved_by_its_edge_and_then_by_its_handle(moved):
+    world = AtItsBase(0.35)
+    run = moved(world, 0.05)
+    assert run.failure is None and world.state == pytest.approx(0.05)
+    assert [hold.by_edge for hold in run.holds] == [True, False]
+    by_edge, by_handle = (d.commanded for d in run.decisions if d.action == "move")
+    assert by_edge >= CONFIG.hold.board.room_m and by_handle == pytest.approx(0.05)
