@@ -221,7 +221,7 @@ class Manipulator:
         left = end - self._arm.T_world_gripper().translation()
         gap_m = float(way @ left) / max(float(np.linalg.norm(way)), 1e-6)
         most = 2.0 * self._goal.tolerance * lever
-        self._short_m = float(np.clip(self._short_m + gap_m, 0.0, most))
+        self._short_m = float(np.clip(gap_m, 0.0, most))
 
     def _followed(self, motion: Iterator[None], duration_s: float) -> bool:
         """Watch a motion to its end; True where it was ended since the hand did not get on."""
