@@ -51,7 +51,7 @@ class AntipodalConfig:
     slack_m: float = 0.01  # behind what is seen, a place is hidden
     same_m: float = 0.012  # grasps nearer than this and
     same_rad: float = 0.3  # turned by less are one
-    most: int = 20
+    most: int = 30
 
 
 @dataclass(frozen=True, slots=True)

@@ -28,6 +28,10 @@ class EdgeConfig:
     board_m: float = 0.018
     deep_m: float = 0.018  # from the edge to the middle of the pads: `EDGE_GRIP` of the suites
     tilts_rad: tuple[float, ...] = (0.0, 0.4, -0.4)  # in the board's plane: both pads stay on it
+    # About the edge, with the hand before the front: an arm that stands there seldom reaches round
+    # a wide front to come along it. Within the friction cone of rubber on lacquer (45 deg) the
+    # pads do not slide off.
+    oblique_rad: tuple[float, ...] = (0.35, 0.6)
     apart_rad: float = 1.1  # between directions that are both taken
     best: int = 3  # directions
 
@@ -65,9 +69,12 @@ def edge_poses(
     ends.sort(key=lambda one: one[0])
     for end, out_world in _apart(ends, config)[: config.best]:
         R = np.column_stack([np.cross(normal, -out_world), normal, -out_world])
-        for tilt in config.tilts_rad:
+        turns = [(gtsam.Rot3.Ry(tilt), tilt) for tilt in config.tilts_rad]
+        # About x the approach, -out, leans towards -normal: the hand is before the front.
+        turns += [(gtsam.Rot3.Rx(oblique), oblique) for oblique in config.oblique_rad]
+        for turn, tilt in turns:
             T = np.eye(4)
-            T[:3, :3] = R @ gtsam.Rot3.Ry(tilt).matrix()
+            T[:3, :3] = R @ turn.matrix()
             T[:3, 3] = p_world + (end - config.deep_m) * out_world - config.board_m / 2 * normal
             yield T, tilt
 

@@ -34,6 +34,7 @@ class BoardConfig:
     board_m: float = 0.018  # of furniture, as `akm_fg.grasping.board_edge` has it
     deep_m: float = 0.018  # from the edge to the middle of the pads
     tilts_rad: tuple[float, ...] = (0.0, 0.4, -0.4)  # in the front's plane: both pads stay on it
+    oblique_rad: tuple[float, ...] = (0.35, 0.6)  # about the edge, with the hand before the front
     # Between where the edge is and where it is when closed: half the hand's width along the
     # fingers' opening (102 mm), and what the arm keeps clear (20 mm).
     room_m: float = 0.125
@@ -65,11 +66,10 @@ def board_grasps(part: ModelPart, config: BoardConfig | None = None) -> list[Boa
     if front is None:
         return []
     ways = list(_ways_out(part, front))
+    turns = [gtsam.Rot3.Ry(tilt) for tilt in config.tilts_rad]
+    turns[1:1] = [gtsam.Rot3.Rx(oblique) for oblique in config.oblique_rad]
     return [
-        grasp
-        for tilt in config.tilts_rad
-        for out in ways
-        for grasp in _along_edge(front, out, tilt, config)
+        grasp for turn in turns for out in ways for grasp in _along_edge(front, out, turn, config)
     ]
 
 
@@ -125,7 +125,7 @@ def _ways_out(part: ModelPart, front: _Front) -> Iterator[FloatArray]:
 
 
 def _along_edge(
-    front: _Front, out: FloatArray, tilt_rad: float, config: BoardConfig
+    front: _Front, out: FloatArray, turn: gtsam.Rot3, config: BoardConfig
 ) -> Iterator[BoardGrasp]:
     """Pinches beside the contact along one edge."""
     along = np.cross(front.normal, out)
@@ -133,14 +133,14 @@ def _along_edge(
     x, y = d @ along, d @ out
     behind = front.depth_m - front.p_contact @ front.normal - config.board_m / 2.0
     R = np.column_stack([np.cross(front.normal, -out), front.normal, -out])
-    turn = gtsam.Rot3(R) * gtsam.Rot3.Ry(tilt_rad)
+    turned = gtsam.Rot3(R) * turn
     for place in config.places_m:
         strip = y[np.abs(x - place) < config.strip_m]
         if len(strip) < config.strip_points:
             continue
         end = float(np.percentile(strip, config.rim))
         edge = front.p_contact + place * along + end * out + behind * front.normal
-        yield BoardGrasp(gtsam.Pose3(turn, edge - config.deep_m * out), edge)
+        yield BoardGrasp(gtsam.Pose3(turned, edge - config.deep_m * out), edge)
 
 
 LEVELLED = 0.5  # of a unit vector, that lies along another: 60 deg

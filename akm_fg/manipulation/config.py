@@ -19,8 +19,8 @@ PlannerName = Literal["covariance", "blind"]
 class HoldConfig:
     """Taking hold of a part whose state and joint are known to so much."""
 
-    most_grasps: int = 20  # asked of the planner, each time
-    most_boards: int = 6  # of them of a front's edge
+    most_grasps: int = 24  # asked of the planner, each time
+    most_boards: int = 10  # of them of a front's edge
     most_failures: int = 4  # of taking hold, in one run
     enough: float = 0.98  # of the way ahead, within reach: no other grasp is asked for
     least: float = 0.15  # less of it is no grasp worth taking

@@ -25,6 +25,9 @@ class TrackConfig:
     integral_1_s: float = 2.5  # takes up the part's friction along the path
     integral_late_1_s: float = 5.0  # after its end: to turn the part back takes twice the friction
     integral_max_n: float = 25.0
+    # Times as fast the integral falls where the hand is ahead of its reference as it grew where it
+    # was behind: what it took to set a part going would carry it beyond the path's end.
+    unwind: float = 5.0
     integral_error_m: float = 0.03  # a larger error counts as this
     rest_m_s: float = 0.0015  # slower is at rest
     rest_rad_s: float = 0.01
@@ -74,7 +77,10 @@ class PathTracker:
         rate = c.integral_late_1_s if late else c.integral_1_s
         gain = rate * c.stiffness_n_m * dt
         along_m = min(max(along_m, -c.integral_error_m), c.integral_error_m)
-        extra = float(tangent @ self._extra) + gain * along_m
+        before = float(tangent @ self._extra)
+        if before * along_m < 0.0:
+            along_m = float(np.clip(c.unwind * along_m, -abs(before / gain), abs(before / gain)))
+        extra = before + gain * along_m
         self._extra = min(max(extra, -c.integral_max_n), c.integral_max_n) * tangent
 
     def _advance(self, twist: FloatArray, left_m: float, dt: float) -> None:

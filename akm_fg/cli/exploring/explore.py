@@ -8,7 +8,9 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal, TypeVar
+from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeVar
+
+import tyro
 
 from akm_fg.cli.demo import make_run_folder, require_simulator
 from akm_fg.cli.exit_codes import DONE, GOAL_NOT_REACHED, INTERRUPTED
@@ -27,8 +29,6 @@ CLOSE_MAX_S = 7.5  # 40 mm at that speed, and time to squeeze
 KEPT_FRAMES = 24  # of a pull: with more a stretch takes longer to solve, and tells no more
 
 if TYPE_CHECKING:
-    import tyro
-
     from akm_fg.cli.demo_config import DemoConfig
     from akm_fg.cli.exploring.kept import Explored
     from akm_fg.cli.exploring.on_robot import RobotRequest
@@ -36,14 +36,12 @@ if TYPE_CHECKING:
     from akm_fg.config import AkmConfig
     from akm_fg.exploration.config import ExploreConfig
 
-    Positional = tyro.conf.Positional
-
 Tree = TypeVar("Tree", bound="AkmConfig")
 
 
 @dataclass(frozen=True)
 class ExploreArguments:
-    """Example: akm-fg explore --object furniture-dev/door-001 --seed 3
+    """Example: akm-fg explore furniture-dev/door-001 --seed 3
 
     A simulated Franka looks at a closed object that it has never seen, tries where it may open,
     learns from every try, and stops when it knows the joint well enough for the task, or when
@@ -53,9 +51,11 @@ class ExploreArguments:
     With --robot a real Franka does, under a RealSense: see docs/hardware.md before.
     """
 
-    object: str = "furniture-dev/door-001"
+    object: Annotated[str, tyro.conf.Positional] = "furniture-dev/door-001"
     """What the robot meets: door, drawer, SUITE/NAME (akm-fg objects lists them), a URDF file, or
     the folder of a PartNet-Mobility object."""
+    named: Annotated[str | None, tyro.conf.arg(name="object")] = None
+    """The same, as akm-fg demo has it."""
     joint: str | None = None
     """Of a file or folder: the joint that is free, where several move."""
     scale: float | None = None
@@ -130,6 +130,7 @@ def explore(arguments: ExploreArguments, config: DemoConfig | None = None) -> in
         OutputError: the run's folder cannot be written.
     """
     began = time.perf_counter()
+    arguments = replace(arguments, object=arguments.named or arguments.object, named=None)
     if arguments.max_attempts < 1:
         raise InputError("--max-attempts", f"is {arguments.max_attempts}", "1 or more")
     parts_of(arguments.parts)
@@ -291,9 +292,10 @@ def command_of(arguments: ExploreArguments) -> str:
 def _what(arguments: ExploreArguments) -> str:
     """What is explored, as flags."""
     if arguments.robot is None:
-        return parse_object(
+        words = parse_object(
             arguments.object, arguments.joint, arguments.scale, arguments.allow
         ).words
+        return words.removeprefix("--object ")
     dry = " --dry-run" if arguments.dry_run else ""
     rig = f"--robot {arguments.robot} --calibration {arguments.calibration}"
     return f"{rig} --floor {arguments.floor:g}{dry}"

@@ -59,7 +59,7 @@ def test_a_run_of_another_object_is_not_gone_on_with(capsys, tmp_path):
 def test_the_command_that_is_told_repeats_the_run():
     arguments = ExploreArguments(object=OBJECT, seed=4, stop="threshold", without_ca=True)
     words = command_of(arguments)
-    assert words == f"akm-fg explore --object {OBJECT} --seed 4 --stop threshold --without-ca"
+    assert words == f"akm-fg explore {OBJECT} --seed 4 --stop threshold --without-ca"
 
 
 @pytest.mark.slow

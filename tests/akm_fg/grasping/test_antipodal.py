@@ -31,7 +31,7 @@ def mask(chest):
 def test_the_best_grasp_of_a_bar_is_across_it_in_its_middle(sampler, chest, mask):
     for bar in chest.bars:
         grasps = sampler.sample(chest.frame(), mask, bar + chest.bar_m / 2 * OUT, OUT)
-        assert 2 <= len(grasps) <= 20
+        assert 2 <= len(grasps) <= 30
         qualities = [g.quality for g in grasps]
         assert qualities == sorted(qualities, reverse=True)
         R, p = grasps[0].T_world_grasp.rotation().matrix(), grasps[0].T_world_grasp.translation()
@@ -62,12 +62,16 @@ def test_a_board_that_stands_over_is_pinched_at_its_edge(sampler, make_chest):
     edge = np.array([chest.front_x, chest.half_width_m + 0.06, 0.36])
     grasps = sampler.sample(chest.frame(), mask, edge - [0.0, 0.018, 0.0], OUT)
     assert grasps
+    leans = []
     for grasp in grasps:
         R, p = grasp.T_world_grasp.rotation().matrix(), grasp.T_world_grasp.translation()
-        assert abs(R[:, 1] @ OUT) > 0.95  # a finger on either side of the board
+        assert abs(R[:, 1] @ OUT) > 0.8  # a finger on either side of the board, within friction
         assert R[1, 2] < -0.8  # comes from beside it
+        leans.append(float(R[:, 2] @ OUT))  # against the way out of the front: from before it
         assert np.linalg.norm(p - edge - [0.01, -0.018, 0.0]) < 0.012
         assert grasp.quality < 0.6  # nobody has seen that there is room behind
+    assert abs(leans[0]) < 0.05  # straight along it first
+    assert min(leans) < -0.5 and max(leans) < 0.05  # never with the hand behind the front
 
 
 def test_the_middle_of_a_bare_front_offers_nothing(sampler, chest, mask):
