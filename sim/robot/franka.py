@@ -14,7 +14,8 @@ from akm_fg.arm.body.limits import MotionRecorder
 from akm_fg.arm.body.model import N_ARM
 from akm_fg.arm.body.silhouette import ArmSilhouette
 from akm_fg.arm.motion.aside import aside
-from akm_fg.arm.motion.free_motion import RrtConnectPlanner, timed_motion
+from akm_fg.arm.motion.free_motion import RrtConnectPlanner, timed_motion, way_out
+from akm_fg.arm.motion.joint_path import JointMotion, joint_motion
 from akm_fg.arm.motion.pulling import Pull
 from akm_fg.arm.motion.reaching import (
     GraspConfiguration,
@@ -97,17 +98,22 @@ class SimFranka:
         q = self.measured_joints()[0]
         if self._silhouette is None:
             self._silhouette = ArmSilhouette(self._scene.description, self.config.silhouette)
-        places = aside(self._silhouette, frame, q, self.config.aside, unseen)
         around = self._scene.around(self.T_world_gripper(), self.config.reach.margins_m[0])
+        try:
+            yield from self._drive.execute(self._out_of_touch(around), tick_s)
+        except (GraspFailed, MotionInfeasible):
+            return
+        q = self.measured_joints()[0]
+        places = aside(self._silhouette, frame, q, self.config.aside, unseen)
         planner = RrtConnectPlanner(around.free_motion, self.config.plan)
         for place in places[: self.config.aside.tried]:
             if np.abs(place - q).max() < self.config.met_rad:
                 return
             try:
-                waypoints = planner.plan(q, place)
-            except MotionInfeasible:
+                waypoints = planner.plan(self.measured_joints()[0], place)
+                yield from self._drive.execute(self._joint_move(waypoints, around), tick_s)
+            except (GraspFailed, MotionInfeasible):  # no way, or it met what no camera shows
                 continue
-            yield from self._drive.execute(self._joint_move(waypoints, around), tick_s)
             return
 
     def holding(self) -> bool:
@@ -241,6 +247,7 @@ class SimFranka:
         self, goals: Sequence[GraspConfiguration], around: Surroundings
     ) -> Generator[FloatArray, None, GraspConfiguration]:
         """To the first of the pre-grasps that it finds a free way to; which one is returned."""
+        yield from self._out_of_touch(around)
         planner = RrtConnectPlanner(around.free_motion, self.config.plan)
         q_from, problem = self._drive.state.q, None
         for goal in goals:
@@ -260,12 +267,27 @@ class SimFranka:
         motion = timed_motion(
             waypoints, around.free_motion, self._drive.step_s, self.config.time_law, step_m
         )
+        yield from self._play(motion)
+
+    def _out_of_touch(self, around: Surroundings) -> Iterator[FloatArray]:
+        """Where the arm touches itself or what is seen, to where it does not.
+
+        Raises:
+            MotionInfeasible: no way leads out.
+        """
+        q = self._drive.state.q
+        out = way_out(around.free_motion, q)
+        if out is not None:
+            law = self.config.time_law
+            yield from self._play(joint_motion(np.stack([q, out]), self._drive.step_s, law))
+
+    def _play(self, motion: JointMotion) -> Iterator[FloatArray]:
         for q_ref, dq_ref, ddq_ref in zip(motion.q, motion.dq, motion.ddq, strict=True):
             state = self._drive.state
             fingers = sum(state.fingers_m) / 2.0
             balance = self._kinematics.inverse_dynamics(state.q, state.dq, ddq_ref, fingers)
             if np.abs(q_ref - state.q).max() > self.config.met_rad:
-                raise GraspFailed("the arm met something on its way to the handle")
+                raise GraspFailed("the arm met something on its way")
             yield joint_impedance(q_ref, dq_ref, state.q, state.dq, balance, self.config.joints)
         self._q_rest = motion.q[-1].copy()
 

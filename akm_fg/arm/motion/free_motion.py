@@ -14,7 +14,7 @@ import numpy as np
 from ompl import base, geometric, util
 
 from akm_fg.arm.body.collision import ArmCollisions
-from akm_fg.arm.body.kinematics import Q_MAX, Q_MIN, limit_margin_rad
+from akm_fg.arm.body.kinematics import Q_HOME, Q_MAX, Q_MIN, limit_margin_rad
 from akm_fg.arm.body.model import N_ARM
 from akm_fg.arm.motion.joint_path import JointMotion, TimeLawConfig, joint_motion
 from akm_fg.errors import MotionInfeasible
@@ -141,6 +141,41 @@ def _state(setup: Any, q: FloatArray) -> Any:
     for i in range(N_ARM):
         state[i] = float(q[i])
     return state
+
+
+def way_out(collisions: ArmCollisions, q_from: FloatArray) -> FloatArray | None:
+    """Joint angles (7,) close by at which nothing touches; None where nothing touches already.
+
+    A hand that followed a part where it went may leave the arm folded so far that its hulls touch,
+    or against what it has pulled open: no planner leaves such a place. The way there is a straight
+    line in the joints, towards home or of one joint alone, on which nothing else is touched.
+
+    Raises:
+        MotionInfeasible: there is none within `OUT_RAD`.
+    """
+    collisions.set_margin(0.0)
+    touches = collisions.touched(q_from)
+    if touches is None:
+        return None
+    home = (Q_HOME - q_from) / max(float(np.abs(Q_HOME - q_from).max()), 1e-9)
+    ways = [home, *np.eye(N_ARM), *-np.eye(N_ARM)]
+    for step in np.arange(OUT_STEP_RAD, OUT_RAD, OUT_STEP_RAD):
+        left: list[FloatArray] = []
+        for way in ways:
+            q = q_from + step * way
+            if limit_margin_rad(q) < min(limit_margin_rad(q_from), 0.0):
+                continue
+            hit = collisions.touched(q)
+            if hit is None:
+                return np.asarray(q)
+            if hit == touches:
+                left.append(way)
+        ways = left
+    raise MotionInfeasible(f"where the arm stands, {touches} touch")
+
+
+OUT_STEP_RAD = 0.04  # of the joint that goes farthest
+OUT_RAD = 0.8
 
 
 def timed_motion(

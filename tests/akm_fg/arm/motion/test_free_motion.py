@@ -21,6 +21,7 @@ from akm_fg.arm.motion.free_motion import (
     PlanConfig,
     RrtConnectPlanner,
     timed_motion,
+    way_out,
 )
 from akm_fg.arm.motion.joint_path import TimeLawConfig
 from akm_fg.errors import MotionInfeasible
@@ -137,3 +138,25 @@ def test_a_corner_that_may_not_be_rounded_is_not():
     blocked = ArmCollisions([box("a block", [0.2, 0.2, 0.1], fingertip(corner).tolist())], 0.0)
     with pytest.raises(MotionInfeasible, match="not free"):
         timed_motion(waypoints, blocked, 1e-3, wide, 0.01)
+
+
+def test_an_arm_that_is_folded_into_itself_finds_out_of_it_by_the_shortest_way():
+    """Hulls of an elbow that is bent too far: no way is planned from there."""
+    folded = np.array([2.561, -1.368, 1.560, -3.011, -1.528, 3.264, -0.869])
+    collisions = ArmCollisions([], 0.02)
+    touches = collisions.touched(folded)
+    assert touches is not None
+    with pytest.raises(MotionInfeasible, match="where the arm stands"):
+        RrtConnectPlanner(collisions).plan(folded, Q_HOME)
+    out = way_out(collisions, folded)
+    assert collisions.free(out) and np.abs(out - folded).max() < 0.6
+    for share in np.linspace(0.0, 1.0, 20):  # nothing else is touched on the way
+        assert collisions.touched(folded + share * (out - folded)) in (touches, None)
+    assert way_out(collisions, Q_HOME) is None
+
+
+def test_an_arm_inside_something_large_is_not_led_through_it():
+    tip = fingertip(LEFT)
+    around = box("the block", [1.6, 1.6, 1.6], tip.tolist())
+    with pytest.raises(MotionInfeasible, match=r"where the arm stands, .* and the block touch"):
+        way_out(ArmCollisions([around], 0.0), LEFT)
