@@ -10,7 +10,7 @@ they carry no depth in the frames that these get.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -25,6 +25,7 @@ from akm_fg.stream.seen_so_far import Hand
 WINDOW_PX = 2  # about a surface's points, which lie 4 mm apart: 2 px at 1.2 m
 GATE_M = 0.01  # of depth from them, with the noise of the surface and of the state
 GATE_SIGMAS = 3.0
+MOVED_SIGMAS = 4.0  # between two states of a part, beyond which it has moved
 MOST_SD_M = 0.02  # of the points' way: a state that is known worse masks nothing
 
 
@@ -35,6 +36,8 @@ class PartsRelocalizer:
         model: of the object.
         noise: of the depth.
         config: tuning of each part's filter.
+        scale_told: place of the part of which the caller knows better than the model how far off
+            the camera's lengths are; its deviations do not hold that.
     """
 
     def __init__(
@@ -42,10 +45,12 @@ class PartsRelocalizer:
         model: ObjectModel,
         noise: DepthNoiseModel | None = None,
         config: RelocalizationConfig | None = None,
+        scale_told: int | None = None,
     ) -> None:
         self._parts, self._noise = model.parts, noise or DepthNoiseModel()
         self._filters = [
-            Relocalizer(model, place, noise, config) for place in range(len(model.parts))
+            Relocalizer(model, place, noise, config, scale_told=place == scale_told)
+            for place in range(len(model.parts))
         ]
         self._beliefs: list[StateBelief | None] = [None] * len(model.parts)
 
@@ -97,6 +102,64 @@ class PartsRelocalizer:
             return belief.sd if known else np.inf  # type: ignore[union-attr,return-value]
 
         return sorted(range(len(self._parts)), key=vague)
+
+
+@dataclass(frozen=True, slots=True)
+class Beside:
+    """A part that was not meant to move: where it was first found, and where it was last seen."""
+
+    first: StateBelief
+    last: StateBelief
+
+    @property
+    def moved(self) -> bool:
+        """By more than both beliefs leave open."""
+        (q0, sd0), (q1, sd1) = (_state(belief) for belief in (self.first, self.last))
+        return abs(q1 - q0) > MOVED_SIGMAS * float(np.hypot(sd0, sd1))
+
+
+class FollowedPart:
+    """One part of a model, as a manipulator asks for it; the others are followed beside it.
+
+    Args:
+        model: of the object.
+        place: of the part among the model's.
+        noise: of the depth.
+        config: tuning of each part's filter.
+    """
+
+    def __init__(
+        self,
+        model: ObjectModel,
+        place: int,
+        noise: DepthNoiseModel | None = None,
+        config: RelocalizationConfig | None = None,
+    ) -> None:
+        self._all, self._place = PartsRelocalizer(model, noise, config, scale_told=place), place
+        self._names = [part.name for part in model.parts]
+        self.beside: dict[str, Beside | None] = {
+            name: None for number, name in enumerate(self._names) if number != place
+        }
+
+    def update(
+        self, frame: RgbdFrame, hand: Hand | None = None, commanded: float | None = None
+    ) -> StateBelief:
+        """Take in the next frame; the belief of the followed part.
+
+        Raises:
+            ValueError: a stamp that does not grow.
+        """
+        beliefs = self._all.update(frame, hand, self._place, commanded)
+        for name, belief in zip(self._names, beliefs, strict=True):
+            if name in self.beside and belief.mode == "tracking" and belief.seen:
+                known = self.beside[name]
+                self.beside[name] = Beside(known.first if known else belief, belief)
+        return beliefs[self._place]
+
+
+def _state(belief: StateBelief) -> tuple[float, float]:
+    assert belief.mean is not None and belief.sd is not None
+    return belief.mean, belief.sd
 
 
 def shown(

@@ -16,6 +16,7 @@ from akm_fg.manipulation.page import manipulation_part
 from akm_fg.posterior import ArticulationPosterior, StatePosterior
 from akm_fg.records import Recording, RoundSummary, first_hold
 from akm_fg.report.summary import ArmRecord, Goal, RunSummary
+from akm_fg.report.wording import state
 from akm_fg.report.write import write_report
 
 REPORT = "report.html"
@@ -51,7 +52,8 @@ def write_run_report(request: ManipulateRequest, ran: Ran, title: str) -> Path |
         time_s=dict(run.time_s),
         failure=ran.failure,
     )
-    notes = [note for note in (ran.learned and f"Learned: {ran.learned}.",) if note]
+    notes = [f"Learned: {ran.learned}."] if ran.learned else []
+    notes += [f"{line}." for line in beside_lines(ran)]
     words = manipulation_part(run, part.joint.kind.unit, notes)
     folder = request.explore.folder
     path = folder / REPORT
@@ -59,6 +61,38 @@ def write_run_report(request: ManipulateRequest, ran: Ran, title: str) -> Path |
         path.rename(folder / "exploration.html")
     write_report(path, summary, request.explore.config.overlay, introduction=words)
     return path
+
+
+def beside_lines(ran: Ran) -> list[str]:
+    """A line for each of the other parts: where it is, and whether it moved meanwhile."""
+    lines = []
+    for part in () if ran.model is None else ran.model.parts:
+        if part.name not in ran.beside:
+            continue
+        seen, unit = ran.beside[part.name], part.joint.kind.unit
+        if seen is None:
+            lines.append(f"{part.name}: its state is unknown, it was not found")
+            continue
+        at = state((seen.last.mean or 0.0) - part.closed_state, unit)
+        bound = state(1.96 * (seen.last.sd or 0.0), unit)
+        moved = "; it has moved meanwhile" if seen.moved else ""
+        lines.append(f"{part.name}: {part.posterior.kind}, state {at} ± {bound} (95 %){moved}")
+    return lines
+
+
+def _beside_as_dict(ran: Ran) -> dict[str, dict[str, Any] | None]:
+    """States of the other parts, from closed."""
+    closed = {} if ran.model is None else {p.name: p.closed_state for p in ran.model.parts}
+    return {
+        name: None
+        if seen is None
+        else {
+            "mean": (seen.last.mean or 0.0) - closed[name],
+            "sd": seen.last.sd,
+            "moved": seen.moved,
+        }
+        for name, seen in ran.beside.items()
+    }
 
 
 def _rounds(ran: Ran) -> tuple[RoundSummary, ...]:
@@ -118,6 +152,7 @@ def run_as_dict(request: ManipulateRequest, ran: Ran, total_s: float) -> dict[st
         "regrasps": run.regrasps,
         # A state that nobody knows is null.
         "state": {"mean": belief.mean, "sd": belief.sd} if known and belief is not None else None,
+        "others": _beside_as_dict(ran),
         "p_within_tolerance": run.probability,
         "decisions": [asdict(decision) for decision in run.decisions],
         "stop": None if run.stop is None else asdict(run.stop),

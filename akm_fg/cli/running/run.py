@@ -185,6 +185,7 @@ def _command(arguments: RunArguments) -> str:
 
 def _print(request: ManipulateRequest, ran: Ran, report: Path | None) -> None:
     from akm_fg.cli.console.lines import console
+    from akm_fg.cli.running.outcome import beside_lines
     from akm_fg.report.wording import printable, state
 
     out, run = console(), ran.manipulation
@@ -205,6 +206,8 @@ def _print(request: ManipulateRequest, ran: Ran, report: Path | None) -> None:
         out.print(f"reached: {p} ({words})", soft_wrap=True, markup=False)
     else:
         out.print(f"not reached: {ran.failure} ({words})", soft_wrap=True, markup=False)
+    for line in beside_lines(ran):
+        out.print(line, soft_wrap=True, markup=False)
     if ran.learned is not None:
         out.print(f"learned: {ran.learned}", soft_wrap=True, markup=False)
     if report is not None:

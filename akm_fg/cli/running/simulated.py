@@ -28,7 +28,7 @@ from akm_fg.model.records import Contact as HeldContact
 from akm_fg.model.records import ModelPart, ObjectModel, StateLimits
 from akm_fg.model.write import write_model
 from akm_fg.records import FloatArray, JointTruth, RgbdFrame
-from akm_fg.relocalization.relocalizer import Relocalizer
+from akm_fg.relocalization.several import Beside, FollowedPart
 from akm_fg.report.score import axis_angle_rad, line_distance_m
 from akm_fg.stream.frame_stream import FrameStream
 from factors.joint import Unit
@@ -62,6 +62,7 @@ class Ran:
     number: int = 0  # of the part in the model
     goal: Goal | None = None
     manipulation: Manipulation = field(default_factory=Manipulation)
+    beside: dict[str, Beside | None] = field(default_factory=dict)  # the other parts; None: unseen
     truth: JointTruth | None = None  # a state for each look; for scoring alone
     final_state: float | None = None  # true, when all motion had ended, from closed
     start_state: float | None = None  # true, when the manipulation began
@@ -146,10 +147,9 @@ def _manipulate(
     camera = world.camera if through is None else through(world)
     with RecordingWriter(request.explore.folder / RECORDING) as writer:
         recorder = RunRecorder(writer, world, part.joint.kind.unit, number)
-        follower = Relocalizer(
-            model, ran.number, config.perception.observe.noise, config.relocalization,
-            scale_told=True,
-        )  # fmt: skip
+        follower = FollowedPart(
+            model, ran.number, config.perception.observe.noise, config.relocalization
+        )
         manipulator = Manipulator(
             world.arm, camera, follower, part, ran.goal, ran.manipulation, recorder,
             config.manipulate, _FreshGrasps(request.explore), stream,
@@ -159,6 +159,7 @@ def _manipulate(
             ran.failure = ran.manipulation.failure
         except KeyboardInterrupt:
             ran.interrupted, ran.failure = True, "interrupted"
+        ran.beside = follower.beside
         recorder.finish()
         ran.truth, ran.pressed_n = recorder.truth(), recorder.pressed_n
     ran.final_state = world.world.part_state(number)

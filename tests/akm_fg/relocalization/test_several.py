@@ -12,7 +12,7 @@ from akm_fg.io.recording_writer import write_recording
 from akm_fg.model.write import write_model
 from akm_fg.records import PinholeCamera, Recording
 from akm_fg.relocalization.relocalizer import Relocalizer
-from akm_fg.relocalization.several import PartsRelocalizer
+from akm_fg.relocalization.several import FollowedPart, PartsRelocalizer
 from tests.akm_fg.conftest import ASIDE, Cabinet, look_at, photograph
 
 CAMERA = PinholeCamera(400, 260, 340.0, 340.0, 199.5, 129.5)
@@ -54,6 +54,22 @@ def test_the_hand_moves_the_part_that_it_holds_and_no_other(two_part_model) -> N
     assert abs(door.mean) < 0.02 and drawer.mean == pytest.approx(way, abs=0.01)
     with pytest.raises(ValueError, match="part 2 of 2"):
         follower.update(replace(dark, stamp_s=0.2), None, 2)
+
+
+def test_the_parts_beside_the_one_that_is_moved_are_known_and_whether_they_moved(two_part_model):
+    follower = FollowedPart(two_part_model, 0)
+    (_, name) = (part.name for part in two_part_model.parts)
+    assert follower.beside == {name: None}  # nobody has looked yet
+    door = follower.update(seen(0.0, 0.1))
+    for k in (1, 2):
+        door = follower.update(seen(0.02 * k, 0.1, 0.1 * k))
+    assert abs(door.mean) == pytest.approx(0.04, abs=0.01)
+    assert abs(follower.beside[name].last.mean) == pytest.approx(0.1, abs=0.005)
+    assert not follower.beside[name].moved
+    for k in range(3, 9):  # found again after a few frames that contradict what was believed
+        follower.update(seen(0.04, 0.13, 0.1 * k))
+    assert abs(follower.beside[name].last.mean) == pytest.approx(0.13, abs=0.005)
+    assert follower.beside[name].moved
 
 
 def test_what_one_part_shows_is_not_taken_for_another(door_model, drawer_aside) -> None:
