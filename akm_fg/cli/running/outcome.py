@@ -15,6 +15,7 @@ from akm_fg.io.posteriors.posterior_json import posterior_as_dict
 from akm_fg.manipulation.page import manipulation_part
 from akm_fg.posterior import ArticulationPosterior, StatePosterior
 from akm_fg.records import Recording, RoundSummary, first_hold
+from akm_fg.relocalization.records import StateBelief
 from akm_fg.report.summary import ArmRecord, Goal, RunSummary
 from akm_fg.report.wording import state
 from akm_fg.report.write import write_report
@@ -78,6 +79,12 @@ def beside_lines(ran: Ran) -> list[str]:
         moved = "; it has moved meanwhile" if seen.moved else ""
         lines.append(f"{part.name}: {part.posterior.kind}, state {at} ± {bound} (95 %){moved}")
     return lines
+
+
+def _from_closed(ran: Ran, belief: StateBelief | None) -> dict[str, float | None] | None:
+    if belief is None or belief.mean is None or ran.part is None:
+        return None
+    return {"mean": belief.mean - ran.part.closed_state, "sd": belief.sd}
 
 
 def _beside_as_dict(ran: Ran) -> dict[str, dict[str, Any] | None]:
@@ -151,7 +158,7 @@ def run_as_dict(request: ManipulateRequest, ran: Ran, total_s: float) -> dict[st
         "looks": run.clear_looks,
         "regrasps": run.regrasps,
         # A state that nobody knows is null.
-        "state": {"mean": belief.mean, "sd": belief.sd} if known and belief is not None else None,
+        "state": _from_closed(ran, belief) if known else None,
         "others": _beside_as_dict(ran),
         "p_within_tolerance": run.probability,
         "decisions": [asdict(decision) for decision in run.decisions],

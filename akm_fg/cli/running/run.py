@@ -192,13 +192,17 @@ def _print(request: ManipulateRequest, ran: Ran, report: Path | None) -> None:
     part, belief = ran.part, run.belief
     if part is not None:
         unit = part.joint.kind.unit
+
+        def at(mean: float | None) -> str:
+            return state(None if mean is None else mean - part.closed_state, unit)
+
         if belief is not None and belief.mode == "tracking" and belief.sd is not None:
-            known = f"{state(belief.mean, unit)} ± {state(1.96 * belief.sd, unit)} (95 %)"
+            known = f"{at(belief.mean)} ± {state(1.96 * belief.sd, unit)} (95 %)"
         else:
             last = next((b for b in reversed(run.beliefs) if b.mode == "tracking"), None)
             known = "unknown"
             if last is not None:
-                known += f"; last known {state(last.mean, unit)}"
+                known += f"; last known {at(last.mean)}"
         out.print(f"{part.name}: {part.posterior.kind}, state {known}", soft_wrap=True)
     words = f"{run.rounds} moves, {run.clear_looks} looks, {run.regrasps} regrasps"
     if ran.reached:
