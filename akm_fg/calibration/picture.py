@@ -9,8 +9,8 @@ import numpy as np
 
 from akm_fg.calibration.records import HandEyeCalibration
 from akm_fg.errors import OutputError
-from akm_fg.io.png import read_rgb
-from akm_fg.io.recording_reader import frame_file
+from akm_fg.io.recording_reader import colour_file
+from akm_fg.io.sources.pictures import read_colour
 
 ARROW_LENGTH_PX = 25.0  # in which a typical residual is drawn
 
@@ -38,7 +38,7 @@ def write_picture(path: Path, result: HandEyeCalibration, folder: Path) -> None:
 def _draw_view(axes: Any, result: HandEyeCalibration, folder: Path) -> None:
     view = sorted(result.views, key=lambda v: v.rms_px)[len(result.views) // 2]
     c = result.camera
-    axes.imshow(read_rgb(frame_file(folder, "rgb", view.frame), c.width, c.height))
+    axes.imshow(read_colour(colour_file(folder, view.frame), c.width, c.height))
     axes.plot(*view.uv.T, "+", color="tab:red", markersize=7, label="found")
     projected = view.uv + view.error_px
     axes.plot(*projected.T, "o", mfc="none", color="tab:cyan", markersize=7, label="projected")

@@ -15,8 +15,8 @@ from akm_fg.calibration.detection import BoardDetector
 from akm_fg.calibration.records import BoardSpec, BoardView, CalibrationViews
 from akm_fg.errors import InputError
 from akm_fg.io.json_fields import Fields, load_json_object
-from akm_fg.io.png import read_rgb
-from akm_fg.io.recording_reader import SCHEMA, frame_file
+from akm_fg.io.recording_reader import SCHEMA, colour_file
+from akm_fg.io.sources.pictures import read_colour
 from akm_fg.records import PinholeCamera
 
 WHAT = f"the description of a recording ({SCHEMA})"
@@ -50,7 +50,7 @@ def _views(
     detector = BoardDetector(board)
     views, skipped, markers = [], [], 0
     for frame, T_world_gripper in enumerate(grips):
-        rgb = read_rgb(frame_file(folder, "rgb", frame), camera.width, camera.height)
+        rgb = read_colour(colour_file(folder, frame), camera.width, camera.height)
         sighting = detector.find(rgb)
         markers += sighting.markers
         if sighting.corners.size:

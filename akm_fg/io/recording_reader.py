@@ -1,7 +1,8 @@
-"""Recordings: a folder with ``recording.json`` and one numbered PNG a frame and channel.
+"""Recordings: a folder with ``recording.json`` and one numbered image a frame and channel.
 
-Format ``akm-fg/recording/1``: ``rgb/000000.png`` (8 bit), ``depth/000000.png`` (16 bit, in
-units of `depth_unit_m` along camera z, 0 unknown), optional ``mask/000000.png`` (object, 0/255).
+Format ``akm-fg/recording/1``: ``rgb/000000.png`` (8 bit; or ``rgb/000000.jpg``),
+``depth/000000.png`` (16 bit, in units of `depth_unit_m` along camera z, 0 unknown), optional
+``mask/000000.png`` (object, 0/255).
 The truth, where there is one, is read by its own function: an estimator never sees it.
 """
 
@@ -17,9 +18,10 @@ import numpy as np
 from akm_fg.errors import InputError
 from akm_fg.io.conventions import InputConventions
 from akm_fg.io.json_fields import Fields, load_json_object
-from akm_fg.io.png import read_depth_raw, read_mask, read_rgb
+from akm_fg.io.png import read_depth_raw, read_mask
 from akm_fg.io.recording_depth import depth_from_raw
 from akm_fg.io.scoring.truths import truth_from_fields
+from akm_fg.io.sources.pictures import read_colour
 from akm_fg.records import (
     BoolArray,
     CalibrationErrors,
@@ -32,12 +34,20 @@ from akm_fg.records import (
 
 SCHEMA = "akm-fg/recording/1"
 BYTES_A_PIXEL = 8  # in memory: 3 of colour, 4 of depth, 1 of the mask
+COLOUR_ENDINGS = (".png", ".jpg", ".jpeg")  # what loses nothing first
 CALIBRATION_SDS = ("focal_sd", "depth_scale_sd", "depth_bias_sd_m")  # of `calibration`
 
 
 def frame_file(folder: Path, channel: str, index: int) -> Path:
     """The PNG of one channel ("rgb", "depth", "mask") of one frame."""
     return folder / channel / f"{index:06d}.png"
+
+
+def colour_file(folder: Path, index: int) -> Path:
+    """The colour image of one frame: a PNG or a JPEG, and the PNG's name where there is none."""
+    png = frame_file(folder, "rgb", index)
+    files = (png.with_suffix(ending) for ending in COLOUR_ENDINGS)
+    return next((file for file in files if file.exists()), png)
 
 
 def _open(folder: Path) -> Fields:
@@ -69,12 +79,14 @@ def _stamps(fields: Fields, min_frames: int) -> FloatArray:
 
 def _check_numbering(folder: Path, channel: str, n: int) -> None:
     """Refuse more images than stamps; one more is what an interrupted writer leaves."""
+    endings = COLOUR_ENDINGS if channel == "rgb" else (".png",)
     try:
-        numbers = {int(p.stem) for p in (folder / channel).glob("*.png") if p.stem.isdigit()}
+        files = [p for p in (folder / channel).glob("*") if p.suffix in endings]
     except OSError as e:
         raise InputError(folder / channel, f"cannot be read ({e.strerror})", "a folder") from e
     if not (folder / channel).is_dir():
         raise InputError(folder / channel, "is missing", f"a folder with {n} PNG images")
+    numbers = {int(p.stem) for p in files if p.stem.isdigit()}
     missing = sorted(set(range(n)) - numbers)
     if missing:
         problem = f"is missing (`stamps_s` lists {n} frames, {len(missing)} without {channel})"
@@ -187,7 +199,7 @@ def _read_images(
     size = (camera.width, camera.height)
     frames, masks = [], []
     for i, stamp_s in enumerate(stamps_s[:take]):
-        rgb = read_rgb(frame_file(folder, "rgb", i), *size)
+        rgb = read_colour(colour_file(folder, i), *size)
         depth_m = depth_from_raw(
             read_depth_raw(frame_file(folder, "depth", i), *size), depth_unit_m
         )

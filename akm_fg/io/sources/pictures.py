@@ -10,7 +10,15 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from akm_fg.errors import InputError
-from akm_fg.io.png import BYTES_A_PIXEL, FILE_OVERHEAD, GRAY, MAX_PIXELS, decode, read_header
+from akm_fg.io.png import (
+    BYTES_A_PIXEL,
+    FILE_OVERHEAD,
+    GRAY,
+    MAX_PIXELS,
+    decode,
+    read_header,
+    read_rgb,
+)
 
 JPEG = b"\xff\xd8\xff"
 PNG = b"\x89PNG"
@@ -70,6 +78,22 @@ def colour_of(data: bytes, place: Path) -> NDArray[np.uint8]:
         return np.array(image.convert("RGB"), dtype=np.uint8)
     except (OSError, SyntaxError, ValueError, Image.DecompressionBombError) as e:
         raise InputError(place, f"is a damaged JPEG ({str(e)[:60]})", what) from e
+
+
+def read_colour(path: Path, width: int, height: int) -> NDArray[np.uint8]:
+    """RGB (height, width, 3) of a file of a recording, a PNG or by its name a JPEG.
+
+    Raises:
+        InputError: missing, damaged, of another size, or not 8 bit.
+    """
+    if path.suffix.lower() == ".png":
+        return read_rgb(path, width, height)
+    data = file_bytes(path, "one image a frame, numbered from 000000")
+    size = size_of(data, path)
+    if size != (width, height):
+        problem = f"is {size[0]}x{size[1]}"
+        raise InputError(path, problem, f"the camera's {width}x{height} pixels")
+    return colour_of(data, path)
 
 
 def depth_of(data: bytes, place: Path) -> NDArray[np.uint16]:

@@ -132,6 +132,40 @@ def test_poses_come_back_exactly_however_they_were_composed(tmp_path: Path) -> N
         np.testing.assert_array_equal(A.matrix(), B.matrix())
 
 
+@pytest.mark.parametrize("ending", [".jpg", ".jpeg"])
+def test_colour_may_be_jpeg(folder: Path, ending: str) -> None:
+    kept = {}
+    for path in (folder / "rgb").glob("*.png"):
+        Image.open(path).save(path.with_suffix(ending), "JPEG", quality=95)
+        kept[path.stem] = np.asarray(Image.open(path.with_suffix(ending)))
+        path.unlink()
+    for i, frame in enumerate(read_recording(folder).frames):
+        np.testing.assert_array_equal(frame.rgb, kept[f"{i:06d}"])
+
+
+def _all_jpeg(folder: Path, size: tuple[int, int] = (32, 24)) -> Path:
+    for path in (folder / "rgb").glob("*.png"):
+        Image.open(path).resize(size).save(path.with_suffix(".jpg"))
+        path.unlink()
+    return folder
+
+
+def test_bad_jpegs_get_one_line(folder: Path) -> None:
+    with pytest.raises(InputError, match=r"000000.jpg: is 16x24"):
+        read_recording(_all_jpeg(folder, (16, 24)))
+    (folder / "rgb/000000.jpg").write_bytes(b"\xff\xd8\xff\xe0" + bytes(20))
+    with pytest.raises(InputError, match=r"000000.jpg: is a damaged JPEG"):
+        read_recording(folder)
+    (folder / "rgb/000001.jpg").unlink()
+    with pytest.raises(InputError, match=r"rgb/000001.png: is missing"):
+        read_recording(folder)
+
+
+def test_where_a_frame_has_both_the_png_counts(folder: Path) -> None:
+    Image.new("RGB", (32, 24)).save(folder / "rgb/000001.jpg")
+    assert read_recording(folder).frames[1].rgb.any()
+
+
 def test_the_first_frames_can_be_read_alone(folder: Path) -> None:
     whole, part = read_recording(folder), read_recording(folder, first_frames=2)
     assert [f.stamp_s for f in part.frames] == [f.stamp_s for f in whole.frames[:2]]
