@@ -22,6 +22,7 @@ from akm_fg.closed_loop import EpisodeConfig
 from akm_fg.estimation.config import FitConfig
 from akm_fg.io.config_file import read_config, write_config
 from akm_fg.io.recording import read_recording, read_truth
+from akm_fg.model.read import read_model
 from akm_fg.perception.config import PerceptionConfig
 from akm_fg.perception.observe import ObserveConfig
 from akm_fg.perception.tracking.seeding import SeedingConfig
@@ -95,7 +96,11 @@ def test_the_demo_goes_from_a_closed_object_to_a_report(name, request):
     assert run["p_within_tolerance"] >= 0.95
     assert abs(run["truth"]["final_state"] - run["target"]) < 0.1 * run["target"]
     page = (folder / "report.html").read_text()
-    assert name in page and "http" not in page.split("</head>")[1].replace("http://www.w3.org", "")
+    start, view, rest = page.partition("<h2>In three dimensions</h2>")
+    assert view and ("<iframe" in rest or "install akm-fg[view]" in rest)
+    around = start.split("</head>")[1] + rest.partition("<h2>Results</h2>")[2]
+    assert name in page and "http" not in around.replace("http://www.w3.org", "")
+    assert read_model(folder).parts[0].posterior.to_dict() == run["posterior"]
     assert "slip of the grasp" in page and 0.0 < run["truth"]["slip_m"] < 0.02
     truth = read_truth(folder / "recording")
     assert truth is not None and len(truth.states) == len(ran.summary.recording.frames)

@@ -22,6 +22,7 @@ from akm_fg.report.wording import printable
 if TYPE_CHECKING:
     from akm_fg.cli.demo_config import DemoConfig
     from akm_fg.cli.running.run import RunArguments
+    from akm_fg.cli.simulated_run import SimulatedRun
     from akm_fg.closed_loop import Observer
     from akm_fg.report.summary import RunSummary
     from sim.objects.part_spec import PartSpec
@@ -147,19 +148,20 @@ def run_demo(
         write_tree(folder / CONFIG, config, f"All settings of {command}")
         request = RunRequest(thing, arguments.seed, target, folder, command, config, stages)
         try:
-            summary, interrupted = run_in_simulator(request, observer)
+            ran = run_in_simulator(request, observer)
         except GraspFailed as error:
             complain(str(error))
             return DemoRun(folder, None, GOAL_NOT_REACHED)
+        summary = ran.summary
         summary.time_s["total"] = time.perf_counter() - began
-        _write(folder, summary, config)
+        _write(folder, ran, config)
         if stream is not None:
             line = json_module.dumps(_as_dict(arguments.object, summary), allow_nan=False)
             write_line(stream, line)
     if arguments.json != "-":
         _print(summary, folder)
     reached = DONE if summary.claims_reached else GOAL_NOT_REACHED
-    return DemoRun(folder, summary, INTERRUPTED if interrupted else reached)
+    return DemoRun(folder, summary, INTERRUPTED if ran.interrupted else reached)
 
 
 def require_simulator(what: str = "the demo") -> None:
@@ -228,15 +230,20 @@ def make_run_folder(out: Path, name: str) -> Path:
     raise OutputError(f"{out}: is not a folder to write runs into")
 
 
-def _write(folder: Path, summary: RunSummary, config: DemoConfig) -> None:
+def _write(folder: Path, ran: SimulatedRun, config: DemoConfig) -> None:
+    from akm_fg.cli.fitting.folder import keep_model
     from akm_fg.io.png import replace_file
     from akm_fg.io.posteriors.posterior_json import posterior_as_line
     from akm_fg.report.write import write_report
+    from akm_fg.view.embedded import embedded_view
 
+    summary = ran.summary
     if summary.posterior is not None:
         line = posterior_as_line(summary.posterior) + "\n"
         replace_file(folder / "posterior.json", line.encode())
-    write_report(folder / "report.html", summary, config.overlay)
+    model = None if ran.fitted is None else keep_model(folder, ran.fitted, config)
+    view = None if model is None else embedded_view(model, summary.title)
+    write_report(folder / "report.html", summary, config.overlay, view=view)
 
 
 def _print(summary: RunSummary, folder: Path) -> None:

@@ -14,11 +14,13 @@ import numpy as np
 from akm_fg import __version__
 from akm_fg.arm.body.limits import MotionRecorder
 from akm_fg.cli.demo_config import DemoConfig, SimulatorConfig
+from akm_fg.cli.exploring.outcome import fitted_recording
 from akm_fg.cli.object_argument import ObjectArgument
 from akm_fg.closed_loop import Episode, Observer, Task, run_episode
 from akm_fg.config import AkmConfig
 from akm_fg.errors import GraspFailed
 from akm_fg.io.recording_writer import RecordingWriter
+from akm_fg.model.build import FittedRecording
 from akm_fg.records import JointTruth, Look
 from akm_fg.report.summary import ArmRecord, Goal, PartTracks, RunSummary
 from akm_fg.stages import Stages
@@ -43,6 +45,15 @@ class RunRequest:
     command: str  # that repeats it
     config: DemoConfig
     stages: Stages
+
+
+@dataclass(frozen=True, slots=True)
+class SimulatedRun:
+    """What came of it."""
+
+    summary: RunSummary
+    fitted: FittedRecording | None  # frames until the last decision; None: without a fit
+    interrupted: bool
 
 
 def limit_shares(motion: MotionRecorder) -> dict[str, float]:
@@ -109,10 +120,8 @@ class _Reporter:
         return dataclasses.replace(self.truths[0], states=states)
 
 
-def run_in_simulator(
-    request: RunRequest, observer: Observer | None = None
-) -> tuple[RunSummary, bool]:
-    """The episode, and whether it was interrupted; what was recorded stays readable then too.
+def run_in_simulator(request: RunRequest, observer: Observer | None = None) -> SimulatedRun:
+    """The episode; what was recorded stays readable when it is interrupted.
 
     Args:
         request: what to do.
@@ -156,7 +165,10 @@ def run_in_simulator(
         if episode.grasp_frames is not None:
             writer.set_grasp_frames(*episode.grasp_frames)
         measured = _Measured(truth, float(world.truth().states[-1]), reporter.arm())
-    return _summary(request, name, episode, measured), interrupted
+    fit, fitted = episode.fit, None
+    if fit is not None:
+        fitted = FittedRecording.of(fitted_recording(RECORDING, episode.looks, fit), fit)
+    return SimulatedRun(_summary(request, name, episode, measured), fitted, interrupted)
 
 
 def opened_world(

@@ -12,6 +12,7 @@ from akm_fg.view.contents import contents_of
 from akm_fg.view.page import html_page
 
 _MOST_POINTS = 12_000  # of each cloud: what stands around it opens on a phone
+_UNFOLD = "const f = this.lastElementChild; if (this.open && !f.srcdoc) f.srcdoc = f.dataset.page"
 
 
 def embedded_view(model: ObjectModel, title: str) -> Markup:
@@ -25,8 +26,10 @@ def embedded_view(model: ObjectModel, title: str) -> Markup:
         page = html_page(contents_of(model, title, most_points=_MOST_POINTS))
     except MissingDependency as error:
         return Markup("<p class='soft'>{}</p>").format(str(error))
-    # A closed fold's lazy frame is not loaded. The inner page is whole: nothing is fetched.
-    start = "<details class='view'><summary>Turn it, and play the recording</summary>"
-    frame = f"<iframe title='{html.escape(title)}, in three dimensions' loading='lazy' "
+    # The inner page is whole: nothing is fetched. Browsers run a frame in a closed fold, lazy or
+    # not, so that it gets its page when it is unfolded.
+    start = f"<details class='view' ontoggle='{_UNFOLD}'>"
+    frame = f"<iframe title='{html.escape(title)}, in three dimensions' "
     inside = html.escape(page, quote=True)
-    return Markup(f'{start}{frame}srcdoc="{inside}"></iframe></details>')
+    summary = "<summary>Turn it, and play the recording</summary>"
+    return Markup(f'{start}{summary}{frame}data-page="{inside}"></iframe></details>')

@@ -87,9 +87,7 @@ def explore_on_robot(request: RobotRequest, device: Any = None) -> Explored:
                 recorder.stage(f"{count} contacts are remembered in {request.remember}")
     explored.model = write_part_model(request.folder, exploration, config)
     keep()
-    write_outcome(
-        request.folder, request.name, request.command, request.seed, exploration, None, config
-    )
+    write_outcome(request.name, request.command, request.seed, explored, config)
     return explored
 
 

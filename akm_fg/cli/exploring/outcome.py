@@ -7,13 +7,14 @@ from dataclasses import replace
 from pathlib import Path
 
 from akm_fg import __version__
+from akm_fg.cli.exploring.kept import Explored
 from akm_fg.cli.exploring.recorder import attempt_name
 from akm_fg.config import AkmConfig
 from akm_fg.errors import InsufficientData
 from akm_fg.exploration.page import exploration_part
 from akm_fg.exploration.records import Exploration
 from akm_fg.model.build import FittedRecording, build_model
-from akm_fg.model.read import FILE
+from akm_fg.model.read import FILE, read_model
 from akm_fg.model.records import Contact, ObjectModel
 from akm_fg.model.write import write_model
 from akm_fg.records import JointTruth, Look, Recording, RgbdFrame, first_hold
@@ -21,6 +22,7 @@ from akm_fg.relocalization.relocalizer import Relocalizer
 from akm_fg.report.summary import PartTracks, RunSummary
 from akm_fg.report.write import write_report
 from akm_fg.stages import RecordingFit
+from akm_fg.view.embedded import embedded_view
 
 REPORT = "report.html"
 
@@ -52,19 +54,14 @@ def solved_frames(fit: RecordingFit | None) -> int | None:
 
 
 def write_outcome(
-    folder: Path,
-    title: str,
-    command: str,
-    seed: int,
-    exploration: Exploration,
-    truth: JointTruth | None,
-    config: AkmConfig,
+    title: str, command: str, seed: int, explored: Explored, config: AkmConfig
 ) -> None:
     """Write report.html.
 
     Raises:
         OutputError: the disk refuses.
     """
+    exploration, truth = explored.exploration, explored.truth
     recording, fit = last_recording(exploration), exploration.fit
     if recording is None:
         return
@@ -85,7 +82,9 @@ def write_outcome(
         failure=exploration.failure,
     )
     part = exploration_part(exploration, config.explore)
-    write_report(folder / REPORT, summary, config.overlay, introduction=part)
+    model = None if explored.model is None else read_model(explored.model)
+    view = None if model is None else embedded_view(model, title)
+    write_report(explored.folder / REPORT, summary, config.overlay, introduction=part, view=view)
 
 
 def _of_frames(truth: JointTruth, frames: int) -> JointTruth | None:

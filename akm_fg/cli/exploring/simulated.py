@@ -90,7 +90,5 @@ def explore_in_simulator(
     explored.model = explored.model or write_part_model(request.folder, exploration, config)
     keep()
     title = f"{request.object.title}, seed {request.seed}"
-    write_outcome(
-        request.folder, title, request.command, request.seed, exploration, explored.truth, config
-    )
+    write_outcome(title, request.command, request.seed, explored, config)
     return explored

@@ -84,12 +84,12 @@ def write_folder(
     model = None
     if isinstance(data, Recording) and fit.observed is not None:
         fitted = FittedRecording(data, fit.observed, fit.posterior)
-        model = _write_model(folder, fitted, config)
+        model = keep_model(folder, fitted, config)
     view = None if model is None else embedded_view(model, summary.title)
     write_report(folder / "report.html", summary, config.overlay, drawn, view=view)
 
 
-def _write_model(folder: Path, fitted: FittedRecording, config: AkmConfig) -> ObjectModel | None:
+def keep_model(folder: Path, fitted: FittedRecording, config: AkmConfig) -> ObjectModel | None:
     """The object's model, where the answer suffices for one; else the log says why there is none.
 
     An older one of the same folder is kept under another name, and none stays that is not of it.

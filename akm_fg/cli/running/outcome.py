@@ -19,6 +19,7 @@ from akm_fg.relocalization.records import StateBelief
 from akm_fg.report.summary import ArmRecord, Goal, RunSummary
 from akm_fg.report.wording import state
 from akm_fg.report.write import write_report
+from akm_fg.view.embedded import embedded_view
 
 REPORT = "report.html"
 
@@ -31,8 +32,8 @@ def write_run_report(request: ManipulateRequest, ran: Ran, title: str) -> Path |
     Raises:
         OutputError: the disk refuses.
     """
-    part, run, goal = ran.part, ran.manipulation, ran.goal
-    if part is None or goal is None or not run.looks:
+    model, part, run, goal = ran.model, ran.part, ran.manipulation, ran.goal
+    if model is None or part is None or goal is None or not run.looks:
         return None
     frames = tuple(look.frame for look in run.looks)
     grips = tuple(look.T_world_gripper for look in run.looks)
@@ -56,11 +57,14 @@ def write_run_report(request: ManipulateRequest, ran: Ran, title: str) -> Path |
     notes = [f"Learned: {ran.learned}."] if ran.learned else []
     notes += [f"{line}." for line in beside_lines(ran)]
     words = manipulation_part(run, part.joint.kind.unit, notes)
+    assert summary.posterior is not None
+    moved = model.with_part(replace(part, posterior=summary.posterior))
+    view = embedded_view(moved, title)
     folder = request.explore.folder
     path = folder / REPORT
     if path.exists():  # the exploration's
         path.rename(folder / "exploration.html")
-    write_report(path, summary, request.explore.config.overlay, introduction=words)
+    write_report(path, summary, request.explore.config.overlay, introduction=words, view=view)
     return path
 
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 import html
 import json
 import re
-import shutil
 import subprocess
 import sys
 import urllib.request
@@ -19,8 +18,7 @@ from akm_fg.cli.main import main
 from akm_fg.io.recording import write_recording
 from akm_fg.model.write import write_model
 from akm_fg.view.contents import Contents, axis_cone, contents_of
-
-BROWSER = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("chrome")
+from tests.akm_fg.view.browser import BROWSER, opened
 
 
 @pytest.fixture(scope="module")
@@ -94,9 +92,7 @@ def test_a_small_one_stands_in_a_report_whole_and_folded(door_model) -> None:
     from akm_fg.view.embedded import embedded_view
 
     view = embedded_view(door_model, "a <door>")
-    inside = re.fullmatch(
-        r"<details .*?loading='lazy' srcdoc=\"([^\"]*)\"></iframe></details>", view
-    )
+    inside = re.fullmatch(r"<details .*? data-page=\"([^\"]*)\"></iframe></details>", view)
     assert inside is not None and "<door>" not in view and len(view) < 3e6
     page = html.unescape(inside[1])
     assert "__VISER_EMBED_DATA__" in page
@@ -136,6 +132,33 @@ def test_a_browser_without_network_shows_it_without_errors(
     wood = (np.abs(rgb - [170, 130, 90]).max(axis=2) < 45).mean()
     red = ((rgb[..., 0] > 150) & (rgb[..., 1] < 110) & (rgb[..., 2] < 130)).mean()
     assert wood > 0.02 and red > 1e-4
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("size", [(1280, 800), (390, 844)])
+def test_it_is_unfolded_in_a_report_without_errors(
+    door, door_model, size: tuple[int, int], tmp_path: Path
+) -> None:
+    pytest.importorskip("viser")
+    from akm_fg.report.summary import RunSummary
+    from akm_fg.report.write import write_report
+    from akm_fg.view.embedded import embedded_view
+
+    summary = RunSummary("door", "akm-fg fit door", 0, "0", door.recording, None, None)
+    view = embedded_view(door_model, "door")
+    write_report(tmp_path / "report.html", summary, drawn=(), view=view)
+    with opened(tmp_path / "report.html", size, tmp_path / "profile") as page:
+        assert page.said == []  # nothing is run before it is unfolded
+        assert page.run("document.documentElement.scrollWidth <= innerWidth")
+        page.run("document.querySelector('details').open = true")
+        page.run("document.querySelector('details').scrollIntoView()")
+        assert page.hears("Embedded data loaded")
+        page.listen(5.0)
+        assert not [line for line in page.said if line.startswith(("error", "exception"))]
+        rgb = page.picture()
+    wood = (np.abs(rgb - [170, 130, 90]).max(axis=2) < 45).mean()
+    red = ((rgb[..., 0] > 150) & (rgb[..., 1] < 110) & (rgb[..., 2] < 130)).mean()
+    assert wood > 0.01 and red > 1e-4
 
 
 def test_the_live_page_answers_and_its_slider_moves_the_part(contents: Contents) -> None:
