@@ -77,17 +77,26 @@ def fit(
     return fit_input(data, str(path), seed, *tuning)
 
 
-def read_recording(folder: str | PathLike[str]) -> Recording:
-    """The frames of a recording, without its truth.
+def read_recording(path: str | PathLike[str]) -> Recording:
+    """The frames of a recording in any format that `akm-fg convert` reads, without its truth.
+
+    Args:
+        path: of the recording's folder, or of its file.
 
     Raises:
-        InputError: anything that is missing, damaged or contradicts itself.
+        InputError: anything that is missing, damaged or contradicts itself, or no recording.
+        MissingDependency: the library that reads its format is not installed.
     """
     from pathlib import Path
 
-    from akm_fg.io.recording import read_recording as read
+    from akm_fg.errors import InputError
+    from akm_fg.io.inputs import read_input
+    from akm_fg.records import Recording
 
-    return read(Path(folder))
+    data = read_input(Path(path))
+    if not isinstance(data, Recording):
+        raise InputError(path, "holds no images", "a recording (akm_fg.fit takes tracks and logs)")
+    return data
 
 
 def read_model(path: str | PathLike[str]) -> ObjectModel:

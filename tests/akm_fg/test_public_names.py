@@ -75,6 +75,11 @@ def test_a_recording_is_read(door, tmp_path: Path) -> None:
     assert repr(recording) == f"<Recording door: {len(recording.frames)} frames of 320 x 240>"
 
 
+def test_tracks_and_logs_are_no_recording(log: Path) -> None:
+    with pytest.raises(InputError, match=r"holds no images; expected a recording"):
+        akm_fg.read_recording(log)
+
+
 def test_a_posterior_shows_itself_in_words(log: Path) -> None:
     posterior = akm_fg.fit(log)
     lines = posterior.summary().splitlines()

@@ -16,6 +16,7 @@ import json
 import os
 import sys
 import xml.etree.ElementTree as ET
+from contextlib import suppress
 
 from franky_sim import SimulationServer
 from franky_sim.franka_robot_protocol import MoveStatus, RobotCommand
@@ -31,6 +32,8 @@ JAMMED_N_S_M = 1e6
 # franky-sim's fingers are springs of 1 kN/m, which squeeze a bar of 12 mm with 6 N; Franka's hand
 # squeezes with 70 N, at whatever width.
 FINGER_N_M = 70.0 / 0.006
+# A robot has a computer of its own, and libfranka gives it up after a second without a packet.
+NICENESS = -10
 
 
 def add_drawer(worldbody: ET.Element) -> None:
@@ -66,6 +69,8 @@ def _without_ground(worldbody: ET.Element) -> None:
 
 def main() -> None:
     """Serve until standard input ends."""
+    with suppress(PermissionError):
+        os.setpriority(os.PRIO_PROCESS, 0, NICENESS)
     with MujocoSimulator() as simulator:
         robot = simulator.add_robot(initial_q=HOME)
         robot._kp_hand[:] = FINGER_N_M

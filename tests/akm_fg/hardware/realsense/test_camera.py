@@ -145,6 +145,20 @@ def test_a_recording_of_it_is_a_camera_too(mounted, tmp_path):
 
 
 @needs_library
+def test_a_recording_of_it_is_read_by_the_reader_of_recordings(tmp_path):
+    from akm_fg import read_recording
+
+    path = SoftwareRealSense(numbered, COLOUR, DEPTH).recorded(tmp_path / "rig.db3", 20)
+    frames = read_recording(path).frames
+    assert len(frames) > 10 and frames[0].camera == COLOUR
+    numbers = [int(frame.rgb[60, 80, 0]) for frame in frames]
+    assert numbers == sorted(set(numbers)) and 1 <= numbers[0] and numbers[-1] <= 20
+    for number, frame in zip(numbers, frames, strict=True):
+        assert np.nanmedian(frame.depth_m) == pytest.approx(1.0 + 0.001 * number, abs=1e-6)
+        assert frame.stamp_s - frames[0].stamp_s == pytest.approx((number - numbers[0]) / 30.0)
+
+
+@needs_library
 def test_no_camera_is_one_line():
     import pyrealsense2 as rs
 
