@@ -47,6 +47,14 @@ def fit_parts(
         TracksLost: fewer than two frames, or too few tracks of one rigid part.
         AxisUnobservable: no moving kind can be fitted.
     """
+    copies = _copies(tracks)
+    if copies.any():
+        answer = fit_parts(tracks.select(~copies), name, noise_known, seed, config)
+        count = int(copies.sum())
+        note = f"{count} of {copies.size} tracks are copies of others and were left out"
+        rejected = answer.fit.tracks_rejected + count
+        fit = replace(answer.fit, warnings=(note, *answer.fit.warnings), tracks_rejected=rejected)
+        return replace(answer, fit=fit)
     measured = tracks if noise_known else _at_local_noise(tracks)
     seen = tracks.observed.sum(axis=0) >= 2
     parted = _parted(measured, seen)
@@ -68,6 +76,19 @@ def fit_parts(
         answer.fit, warnings=(*notes, *answer.fit.warnings), tracks_rejected=int(left_out)
     )
     return replace(answer, fit=fit, other_parts=others)
+
+
+def _copies(tracks: PointTracks) -> BoolArray:
+    """(N,) tracks that are another one's to the last bit: they are measured once, not twice.
+
+    Points without extent tell no rotation, however many they are.
+    """
+    seen = tracks.observed.any(axis=0)
+    rows = np.nan_to_num(np.swapaxes(tracks.p_world, 0, 1), nan=np.inf).reshape(seen.size, -1)
+    _, first = np.unique(rows, axis=0, return_index=True)
+    copies: BoolArray = seen.copy()
+    copies[first] = False
+    return copies
 
 
 def _parted(tracks: PointTracks, seen: BoolArray) -> MotionSegmentation | None:

@@ -32,7 +32,7 @@ def load_json_object(path: Path, what: str) -> dict[str, Any]:
         if path.stat().st_size > MAX_BYTES:
             size = f"holds {path.stat().st_size / 1e6:.0f} MB"
             raise InputError(path, size, f"{MAX_BYTES / 1e6:.0f} MB at most, {what}")
-        value = json.loads(path.read_text(encoding="utf-8"))
+        value = json.loads(path.read_text(encoding="utf-8-sig"))
     except FileNotFoundError as e:
         raise InputError(path, "is missing", what) from e
     except OSError as e:

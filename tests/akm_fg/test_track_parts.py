@@ -63,5 +63,15 @@ def test_tracks_of_one_part_with_strays_are_one_part():
     assert posterior.fit.tracks_used >= 28
 
 
+@pytest.mark.parametrize("noise_known", [True, False])
+def test_a_track_that_stands_twelve_times_in_the_file_is_one(noise_known):
+    door = _opening(4, "revolute", 1).tracks
+    posterior = fit_parts(door.select(np.zeros(12, dtype=int)), noise_known=noise_known)
+    alone = fit_parts(door, noise_known=noise_known)
+    assert posterior.kind_probability == alone.kind_probability
+    assert posterior.fit.tracks_used == 1 and posterior.fit.tracks_rejected == 11
+    assert posterior.fit.warnings[0] == "11 of 12 tracks are copies of others and were left out"
+
+
 def test_tracks_that_all_stand_still_do_not_move():
     assert fit_parts(_together(_still(40, 20, 2))).kind == "rigid"

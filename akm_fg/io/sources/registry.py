@@ -49,7 +49,8 @@ def open_prepared(
     """
     module = format_of(path)
     if module is None:
-        raise InputError(path, "is of no format that is known", ", ".join(known_formats()))
+        problem = "is of no format that is known" if path.exists() else "does not exist"
+        raise InputError(path, problem, ", ".join(known_formats()))
     options = options or SourceOptions()
     source = module.open_source(path, options)
     return prepare(source, options, said or InputConventions(), first_frames)

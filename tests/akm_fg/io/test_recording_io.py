@@ -132,6 +132,12 @@ def test_poses_come_back_exactly_however_they_were_composed(tmp_path: Path) -> N
         np.testing.assert_array_equal(A.matrix(), B.matrix())
 
 
+def test_a_description_may_begin_with_the_mark_that_windows_puts_there(folder: Path) -> None:
+    path = folder / "recording.json"
+    path.write_bytes(b"\xef\xbb\xbf" + path.read_bytes())
+    assert len(read_recording(folder).frames) == 3
+
+
 @pytest.mark.parametrize("ending", [".jpg", ".jpeg"])
 def test_colour_may_be_jpeg(folder: Path, ending: str) -> None:
     kept = {}
