@@ -22,7 +22,7 @@ from sim.objects.mechanisms import resistance
 from sim.objects.part_spec import Mechanism, PartSpec, mechanisms
 from sim.objects.staging import PlacementMode, find_spec, stage
 from sim.objects.urdf.urdf_files import part_joint
-from sim.robot.contacts import finger_links
+from sim.robot.contacts import finger_links, nearby
 from sim.room import add_room
 
 
@@ -200,10 +200,7 @@ class SimWorld:
 
     def _robot_touches(self) -> bool:
         """Whether a part of the object is where the robot is, or nearly."""
-        near = p.getClosestPoints(
-            self.robot_id, self.object_id, NEAR_M, physicsClientId=self.client
-        )
-        return bool(near)
+        return bool(nearby(self.client, self.robot_id, self.object_id, NEAR_M))
 
     def _put_arm(self, q: FloatArray) -> None:
         for j in range(N_ARM):

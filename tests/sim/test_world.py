@@ -8,6 +8,7 @@ import pytest
 
 from sim.bullet import p
 from sim.objects.suites.catalogue import find_suite
+from sim.robot.contacts import nearby
 from sim.world import SimWorld
 
 
@@ -75,9 +76,8 @@ def test_an_arm_in_the_way_of_a_part_that_is_put_elsewhere_is_put_out_of_it():
             return float(p.getJointState(world.robot_id, 0, physicsClientId=world.client)[0])
 
         def apart_m() -> float:
-            bodies = (world.robot_id, world.object_id)
-            near = p.getClosestPoints(*bodies, 1.0, physicsClientId=world.client)
-            return min(point[8] for point in near)
+            near = nearby(world.client, world.robot_id, world.object_id, 1.0)
+            return min(points.distance_m for points in near)
 
         home = turned()
         world.put_part(0.1)
