@@ -86,7 +86,7 @@ def _copies(tracks: PointTracks) -> BoolArray:
     seen = tracks.observed.any(axis=0)
     rows = np.nan_to_num(np.swapaxes(tracks.p_world, 0, 1), nan=np.inf).reshape(seen.size, -1)
     _, first = np.unique(rows, axis=0, return_index=True)
-    copies: BoolArray = seen.copy()
+    copies: BoolArray = np.array(seen)
     copies[first] = False
     return copies
 

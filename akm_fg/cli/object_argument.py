@@ -56,11 +56,16 @@ class ObjectArgument:
 
     @property
     def words(self) -> str:
-        """The part of a command line that names it."""
+        """The part of a command line that names it, where its name is a flag's value."""
+        return f"--object {self.positional}"
+
+    @property
+    def positional(self) -> str:
+        """The part of a command line that names it, where its name stands alone."""
         joint = "" if self.joint is None else f" --joint {shlex.quote(self.joint)}"
         scale = "" if self.scale is None else f" --scale {self.scale:g}"
         allowed = "" if self.allowed is None else f" --allow {shlex.quote(str(self.allowed))}"
-        return f"--object {shlex.quote(self.name)}{joint}{scale}{allowed}"
+        return f"{shlex.quote(self.name)}{joint}{scale}{allowed}"
 
     @property
     def options(self) -> ImportOptions:

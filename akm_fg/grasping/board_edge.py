@@ -68,15 +68,37 @@ def edge_poses(
             ends.append((end, plane @ out))
     ends.sort(key=lambda one: one[0])
     for end, out_world in _apart(ends, config)[: config.best]:
-        R = np.column_stack([np.cross(normal, -out_world), normal, -out_world])
-        turns = [(gtsam.Rot3.Ry(tilt), tilt) for tilt in config.tilts_rad]
-        # About x the approach, -out, leans towards -normal: the hand is before the front.
-        turns += [(gtsam.Rot3.Rx(oblique), oblique) for oblique in config.oblique_rad]
-        for turn, tilt in turns:
-            T = np.eye(4)
-            T[:3, :3] = R @ turn.matrix()
-            T[:3, 3] = p_world + (end - config.deep_m) * out_world - config.board_m / 2 * normal
-            yield T, tilt
+        for turn, tilt in pinch_turns(config):
+            yield pinch(p_world + end * out_world, out_world, normal, turn, config).matrix(), tilt
+
+
+def pinch_turns(config: EdgeConfig) -> list[tuple[gtsam.Rot3, float]]:
+    """How a hand that pinches an edge may be turned, and by how much: not at all first."""
+    turns = [(gtsam.Rot3.Ry(tilt), tilt) for tilt in config.tilts_rad]
+    # About x the approach, -out, leans towards -normal: the hand is before the front.
+    turns[1:1] = [(gtsam.Rot3.Rx(oblique), oblique) for oblique in config.oblique_rad]
+    return turns
+
+
+def pinch(
+    p_edge: FloatArray,
+    out: FloatArray,
+    normal: FloatArray,
+    turn: gtsam.Rot3,
+    config: EdgeConfig,
+) -> gtsam.Pose3:
+    """The gripper's pose at a board's edge, in the frame of the points.
+
+    Args:
+        p_edge: (3,) on the board's outer face, at its end.
+        out: (3,) unit, in the board, across the edge and off it.
+        normal: (3,) unit, out of the board's outer face.
+        turn: of the hand, one of `pinch_turns`.
+        config: how thick the board is, and how deep the pads go.
+    """
+    R = np.column_stack([np.cross(normal, -out), normal, -out])
+    p = p_edge - config.deep_m * out - config.board_m / 2.0 * normal
+    return gtsam.Pose3(gtsam.Rot3(R) * turn, p)
 
 
 def _apart(

@@ -10,11 +10,12 @@ wide along the fingers' opening, needs room behind the front.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import gtsam
 import numpy as np
 
+from akm_fg.grasping.board_edge import EdgeConfig, pinch, pinch_turns
 from akm_fg.model.records import Contact, ModelPart
 from akm_fg.records import FloatArray
 
@@ -31,10 +32,7 @@ class BoardConfig:
     strip_m: float = 0.012  # half width in which the edge is looked for
     strip_points: int = 8
     rim: float = 97.0  # percentile of a strip's points that is its end
-    board_m: float = 0.018  # of furniture, as `akm_fg.grasping.board_edge` has it
-    deep_m: float = 0.018  # from the edge to the middle of the pads
-    tilts_rad: tuple[float, ...] = (0.0, 0.4, -0.4)  # in the front's plane: both pads stay on it
-    oblique_rad: tuple[float, ...] = (0.35, 0.6)  # about the edge, with the hand before the front
+    edge: EdgeConfig = field(default_factory=EdgeConfig)  # how a hand pinches it
     # Between where the edge is and where it is when closed: half the hand's width along the
     # fingers' opening (102 mm), and what the arm keeps clear (20 mm).
     room_m: float = 0.125
@@ -45,7 +43,7 @@ class BoardGrasp:
     """A pinched edge, in the part's frame."""
 
     T_part_grasp: gtsam.Pose3
-    p_part_edge: FloatArray  # (3,)
+    p_part_edge: FloatArray  # (3,) in the middle of the board
 
     def opening_m(self, part: ModelPart, q: float) -> float:
         """How far the edge is from where it is when the part is closed."""
@@ -66,10 +64,11 @@ def board_grasps(part: ModelPart, config: BoardConfig | None = None) -> list[Boa
     if front is None:
         return []
     ways = list(_ways_out(part, front))
-    turns = [gtsam.Rot3.Ry(tilt) for tilt in config.tilts_rad]
-    turns[1:1] = [gtsam.Rot3.Rx(oblique) for oblique in config.oblique_rad]
     return [
-        grasp for turn in turns for out in ways for grasp in _along_edge(front, out, turn, config)
+        grasp
+        for turn, _ in pinch_turns(config.edge)
+        for out in ways
+        for grasp in _along_edge(front, out, turn, config)
     ]
 
 
@@ -131,16 +130,15 @@ def _along_edge(
     along = np.cross(front.normal, out)
     d = front.p - front.p_contact
     x, y = d @ along, d @ out
-    behind = front.depth_m - front.p_contact @ front.normal - config.board_m / 2.0
-    R = np.column_stack([np.cross(front.normal, -out), front.normal, -out])
-    turned = gtsam.Rot3(R) * turn
+    before = front.depth_m - front.p_contact @ front.normal  # the contact's, to the plane
     for place in config.places_m:
         strip = y[np.abs(x - place) < config.strip_m]
         if len(strip) < config.strip_points:
             continue
         end = float(np.percentile(strip, config.rim))
-        edge = front.p_contact + place * along + end * out + behind * front.normal
-        yield BoardGrasp(gtsam.Pose3(turned, edge - config.deep_m * out), edge)
+        edge = front.p_contact + place * along + end * out + before * front.normal
+        middle = edge - config.edge.board_m / 2.0 * front.normal
+        yield BoardGrasp(pinch(edge, out, front.normal, turn, config.edge), middle)
 
 
 LEVELLED = 0.5  # of a unit vector, that lies along another: 60 deg

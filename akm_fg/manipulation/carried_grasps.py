@@ -132,7 +132,7 @@ def choose_grasp(
     tried: list[CarriedGrasp] = []
     best: ChosenGrasp | None = None
     refusal: MotionInfeasible | None = None
-    boards = _boards(part, q, usable, config) if usable else []
+    boards = _boards(part, q, usable, config)
     for grasp in _in_turn(usable, fresh, boards, config):
         if any(_same(grasp.T_world_grasp, T) for T in lost):
             continue
@@ -180,20 +180,21 @@ def room_for(
 
 def _boards(
     part: ModelPart, q: float, known: Sequence[CarriedGrasp], config: HoldConfig
-) -> list[CarriedGrasp]:
+) -> Iterator[CarriedGrasp]:
     """Edges of the front, where it stands open, as sure as the handles are."""
+    if not known:
+        return
     opening_m, depth_m = known[0].opening_m, known[0].depth_m
-    return [
-        CarriedGrasp(part.T_world_part(q) * board.T_part_grasp, opening_m, depth_m, board)
-        for board in board_grasps(part, config.board)
-        if board.opening_m(part, q) >= config.board.room_m
-    ]
+    for board in board_grasps(part, config.board):
+        if board.opening_m(part, q) >= config.board.room_m:
+            T = part.T_world_part(q) * board.T_part_grasp
+            yield CarriedGrasp(T, opening_m, depth_m, board)
 
 
 def _in_turn(
     known: Sequence[CarriedGrasp],
     fresh: Sequence[gtsam.Pose3],
-    boards: Sequence[CarriedGrasp],
+    boards: Iterator[CarriedGrasp],
     config: HoldConfig,
 ) -> Iterator[CarriedGrasp]:
     """Carried as they held, a few as they are seen, then edges, then the carried ones turned."""
@@ -201,7 +202,7 @@ def _in_turn(
     yield from known
     for T in fresh[: config.most_grasps // 3]:
         yield CarriedGrasp(T, 0.0, depth_m)
-    yield from boards[: config.most_boards]
+    yield from itertools.islice(boards, config.most_boards)
     for each in known:
         for T in itertools.islice(variants(each.T_world_grasp, config), 1, None):
             yield CarriedGrasp(T, each.opening_m, each.depth_m)

@@ -19,7 +19,6 @@ from akm_fg.errors import GraspFailed, MotionInfeasible, TracksLost
 from akm_fg.exploration.processor_time import taking
 from akm_fg.interfaces import Arm, Camera
 from akm_fg.io.recording_depth import as_stored
-from akm_fg.manipulation.board_grasps import BoardGrasp
 from akm_fg.manipulation.carried_grasps import (
     ChosenGrasp,
     FreshGrasps,
@@ -113,7 +112,6 @@ class Manipulator:
         self._failed_holds = 0
         self._short_m = 0.0  # of where the hand was sent, by friction: the next move makes it up
         self._lost_grasps: list[gtsam.Pose3] = []
-        self._board: BoardGrasp | None = None  # whose edge is held
         self._frame: RgbdFrame | None = None  # the last from behind the arm
 
     def run(self) -> None:
@@ -183,7 +181,8 @@ class Manipulator:
         """The move, cut where the arm does not get farther; None where it gets nowhere."""
         hold = self._config.hold
         poses = way_of(self._part, self._arm.T_world_gripper(), q, move.q_end, hold)
-        room = round(len(poses) * room_for(self._part, self._board, q, move.q_end, hold))
+        board = self._run.holds[-1].board if self._run.holds else None
+        room = round(len(poses) * room_for(self._part, board, q, move.q_end, hold))
         reached = min(self._arm.can_follow(poses), room)
         if reached == len(poses):
             return move
@@ -322,11 +321,9 @@ class Manipulator:
                 else:  # no free way there: others may have one
                     log.info("grasp refused: %s", error)
                 continue
-            self._board = chosen.grasp.board
             self._look()
             q, _ = self._known()
-            by_edge = self._board is not None
-            self._run.holds.append(Hold(self._arm.T_world_gripper(), q, by_edge))
+            self._run.holds.append(Hold(self._arm.T_world_gripper(), q, chosen.grasp.board))
             return
 
     def _chosen(self, q: float, sd: float) -> ChosenGrasp:

@@ -7,6 +7,7 @@ from typing import Literal
 
 import gtsam
 
+from akm_fg.manipulation.board_grasps import BoardGrasp
 from akm_fg.records import Look
 from akm_fg.relocalization.records import StateBelief
 
@@ -51,7 +52,12 @@ class Hold:
 
     T_world_gripper: gtsam.Pose3
     state: float  # of the part then
-    by_edge: bool = False  # of its front, which is free only where the part stands open
+    board: BoardGrasp | None = None  # where it was held by its front's edge
+
+    @property
+    def by_edge(self) -> bool:
+        """Of its front, which is free only where the part stands open."""
+        return self.board is not None
 
 
 @dataclass(slots=True)

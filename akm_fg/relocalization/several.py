@@ -112,6 +112,11 @@ class Beside:
     last: StateBelief
 
     @property
+    def state(self) -> tuple[float, float]:
+        """Where it was last seen, and the standard deviation of that."""
+        return _state(self.last)
+
+    @property
     def moved(self) -> bool:
         """By more than both beliefs leave open."""
         (q0, sd0), (q1, sd1) = (_state(belief) for belief in (self.first, self.last))

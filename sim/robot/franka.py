@@ -95,7 +95,6 @@ class SimFranka:
         anything.
         """
         yield from self._drive.execute(self._release(), tick_s)
-        q = self.measured_joints()[0]
         if self._silhouette is None:
             self._silhouette = ArmSilhouette(self._scene.description, self.config.silhouette)
         around = self._scene.around(self.T_world_gripper(), self.config.reach.margins_m[0])

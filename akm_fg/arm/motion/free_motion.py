@@ -159,11 +159,12 @@ def way_out(collisions: ArmCollisions, q_from: FloatArray) -> FloatArray | None:
         return None
     home = (Q_HOME - q_from) / max(float(np.abs(Q_HOME - q_from).max()), 1e-9)
     ways = [home, *np.eye(N_ARM), *-np.eye(N_ARM)]
+    least = min(limit_margin_rad(q_from), 0.0)
     for step in np.arange(OUT_STEP_RAD, OUT_RAD, OUT_STEP_RAD):
         left: list[FloatArray] = []
         for way in ways:
             q = q_from + step * way
-            if limit_margin_rad(q) < min(limit_margin_rad(q_from), 0.0):
+            if limit_margin_rad(q) < least:
                 continue
             hit = collisions.touched(q)
             if hit is None:

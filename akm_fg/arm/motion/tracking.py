@@ -79,7 +79,8 @@ class PathTracker:
         along_m = min(max(along_m, -c.integral_error_m), c.integral_error_m)
         before = float(tangent @ self._extra)
         if before * along_m < 0.0:
-            along_m = float(np.clip(c.unwind * along_m, -abs(before / gain), abs(before / gain)))
+            most_m = abs(before / gain)  # takes all of it away, and no more
+            along_m = min(max(c.unwind * along_m, -most_m), most_m)
         extra = before + gain * along_m
         self._extra = min(max(extra, -c.integral_max_n), c.integral_max_n) * tangent
 

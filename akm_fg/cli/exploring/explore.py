@@ -290,12 +290,11 @@ def command_of(arguments: ExploreArguments) -> str:
 
 
 def _what(arguments: ExploreArguments) -> str:
-    """What is explored, as flags."""
+    """What is explored, as words of a command line."""
     if arguments.robot is None:
-        words = parse_object(
+        return parse_object(
             arguments.object, arguments.joint, arguments.scale, arguments.allow
-        ).words
-        return words.removeprefix("--object ")
+        ).positional
     dry = " --dry-run" if arguments.dry_run else ""
     rig = f"--robot {arguments.robot} --calibration {arguments.calibration}"
     return f"{rig} --floor {arguments.floor:g}{dry}"

@@ -13,9 +13,10 @@ from akm_fg.cli.running.recorder import RECORDING
 from akm_fg.cli.running.simulated import ManipulateRequest, Ran
 from akm_fg.io.posteriors.posterior_json import posterior_as_dict
 from akm_fg.manipulation.page import manipulation_part
+from akm_fg.model.records import ModelPart
+from akm_fg.planning.move_length import LEVEL
 from akm_fg.posterior import ArticulationPosterior, StatePosterior
 from akm_fg.records import Recording, RoundSummary, first_hold
-from akm_fg.relocalization.records import StateBelief
 from akm_fg.report.summary import ArmRecord, Goal, RunSummary
 from akm_fg.report.wording import state
 from akm_fg.report.write import write_report
@@ -74,34 +75,34 @@ def beside_lines(ran: Ran) -> list[str]:
     for part in () if ran.model is None else ran.model.parts:
         if part.name not in ran.beside:
             continue
-        seen, unit = ran.beside[part.name], part.joint.kind.unit
+        seen = ran.beside[part.name]
         if seen is None:
             lines.append(f"{part.name}: its state is unknown, it was not found")
             continue
-        at = state((seen.last.mean or 0.0) - part.closed_state, unit)
-        bound = state(1.96 * (seen.last.sd or 0.0), unit)
         moved = "; it has moved meanwhile" if seen.moved else ""
-        lines.append(f"{part.name}: {part.posterior.kind}, state {at} ± {bound} (95 %){moved}")
+        lines.append(f"{believed_line(part, *seen.state)}{moved}")
     return lines
 
 
-def _from_closed(ran: Ran, belief: StateBelief | None) -> dict[str, float | None] | None:
-    if belief is None or belief.mean is None or ran.part is None:
-        return None
-    return {"mean": belief.mean - ran.part.closed_state, "sd": belief.sd}
+def believed_line(part: ModelPart, q: float, sd: float) -> str:
+    """What a part is and where it is believed to be, from closed."""
+    unit = part.joint.kind.unit
+    at, bound = state(q - part.closed_state, unit), state(LEVEL * sd, unit)
+    return f"{part.name}: {part.posterior.kind}, state {at} ± {bound} (95 %)"
+
+
+def _state_as_dict(part: ModelPart, q: float, sd: float | None) -> dict[str, Any]:
+    """From closed."""
+    return {"mean": q - part.closed_state, "sd": sd}
 
 
 def _beside_as_dict(ran: Ran) -> dict[str, dict[str, Any] | None]:
-    """States of the other parts, from closed."""
-    closed = {} if ran.model is None else {p.name: p.closed_state for p in ran.model.parts}
+    """States of the other parts."""
+    parts = {} if ran.model is None else {part.name: part for part in ran.model.parts}
     return {
         name: None
         if seen is None
-        else {
-            "mean": (seen.last.mean or 0.0) - closed[name],
-            "sd": seen.last.sd,
-            "moved": seen.moved,
-        }
+        else {**_state_as_dict(parts[name], *seen.state), "moved": seen.moved}
         for name, seen in ran.beside.items()
     }
 
@@ -146,7 +147,9 @@ def run_as_dict(request: ManipulateRequest, ran: Ran, total_s: float) -> dict[st
     """The run as JSON (`akm-fg/run/1`, docs/conventions.md)."""
     part, run, truth = ran.part, ran.manipulation, ran.truth
     belief = run.belief
-    known = belief is not None and belief.mode == "tracking"
+    known = None
+    if part and belief and belief.mode == "tracking" and belief.mean is not None:
+        known = _state_as_dict(part, belief.mean, belief.sd)
     attempts = 0 if ran.explored is None else ran.explored.exploration.pulls
     return {
         "schema": "akm-fg/run/1",
@@ -162,7 +165,7 @@ def run_as_dict(request: ManipulateRequest, ran: Ran, total_s: float) -> dict[st
         "looks": run.clear_looks,
         "regrasps": run.regrasps,
         # A state that nobody knows is null.
-        "state": _from_closed(ran, belief) if known else None,
+        "state": known,
         "others": _beside_as_dict(ran),
         "p_within_tolerance": run.probability,
         "decisions": [asdict(decision) for decision in run.decisions],

@@ -185,25 +185,22 @@ def _command(arguments: RunArguments) -> str:
 
 def _print(request: ManipulateRequest, ran: Ran, report: Path | None) -> None:
     from akm_fg.cli.console.lines import console
-    from akm_fg.cli.running.outcome import beside_lines
+    from akm_fg.cli.running.outcome import believed_line, beside_lines
     from akm_fg.report.wording import printable, state
 
     out, run = console(), ran.manipulation
     part, belief = ran.part, run.belief
     if part is not None:
-        unit = part.joint.kind.unit
-
-        def at(mean: float | None) -> str:
-            return state(None if mean is None else mean - part.closed_state, unit)
-
-        if belief is not None and belief.mode == "tracking" and belief.sd is not None:
-            known = f"{at(belief.mean)} ± {state(1.96 * belief.sd, unit)} (95 %)"
+        line = f"{part.name}: {part.posterior.kind}, state unknown"
+        known = belief if belief and belief.mode == "tracking" else None
+        if known and known.mean is not None and known.sd is not None:
+            line = believed_line(part, known.mean, known.sd)
         else:
             last = next((b for b in reversed(run.beliefs) if b.mode == "tracking"), None)
-            known = "unknown"
-            if last is not None:
-                known += f"; last known {at(last.mean)}"
-        out.print(f"{part.name}: {part.posterior.kind}, state {known}", soft_wrap=True)
+            if last is not None and last.mean is not None:
+                at = state(last.mean - part.closed_state, part.joint.kind.unit)
+                line += f"; last known {at}"
+        out.print(line, soft_wrap=True)
     words = f"{run.rounds} moves, {run.clear_looks} looks, {run.regrasps} regrasps"
     if ran.reached:
         p = f"within tolerance with probability {run.probability:.3f}"

@@ -35,8 +35,8 @@ def test_a_drawers_front_is_pinched_at_its_upper_edge_from_above(paper_part):
     assert_allclose(T.rotation().matrix()[:, 1], [-1.0, 0.0, 0.0], atol=1e-9)
     # Half a board behind the front, and as deep as the pads go; rims are seen to a percentile.
     x, y, z = T.translation()
-    assert x == pytest.approx(0.54 + BOARD.board_m / 2, abs=1e-6) and y == pytest.approx(0.0)
-    assert z == pytest.approx(0.6 - BOARD.deep_m, abs=0.02)
+    assert x == pytest.approx(0.54 + BOARD.edge.board_m / 2, abs=1e-6) and y == pytest.approx(0.0)
+    assert z == pytest.approx(0.6 - BOARD.edge.deep_m, abs=0.02)
 
 
 def test_a_doors_front_is_pinched_at_the_edge_off_its_hinge_first(paper_part):
