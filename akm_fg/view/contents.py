@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
-from dataclasses import dataclass
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -53,6 +53,7 @@ class MovingPart:
     q: FloatArray  # (T,) NaN where it was not seen
     sd: FloatArray  # (T,)
     words: tuple[str, ...]  # kind, axis, pivot, in lines
+    recorded: range | None = None  # frames of the recording that it was opened in; None: all
 
     @property
     def unit(self) -> Unit:
@@ -114,12 +115,15 @@ class Contents:
     def frames(self) -> Iterator[tuple[int, list[float]]]:
         """Numbers of the frames in which any part was seen, and the state of each part.
 
-        A part that was not seen stays where it was.
+        A part that was not seen stays where it was; while another recording plays it is closed.
         """
         q = np.array([part.q for part in self.parts])
-        last = np.array([part.part.closed_state for part in self.parts])
+        closed = np.array([part.part.closed_state for part in self.parts])
+        last = closed
         for t in np.flatnonzero(np.isfinite(q).any(axis=0)):
             last = np.where(np.isfinite(q[:, t]), q[:, t], last)
+            recorded = [part.recorded is None or t in part.recorded for part in self.parts]
+            last = np.where(recorded, last, closed)
             yield int(t), last.tolist()
 
 
@@ -142,7 +146,7 @@ def contents_of(
     return Contents(
         title,
         _cloud(model.static, rng, most_points, _PALER),
-        tuple(_moving(part, rng, most_points) for part in model.parts),
+        _one_after_the_other([_moving(part, rng, most_points) for part in model.parts], model),
         np.asarray(model.T_world_cam.translation()),
         tracks,
     )
@@ -168,6 +172,26 @@ def _moving(part: ModelPart, rng: np.random.Generator, most_points: int) -> Movi
     words = [kind, *(line for line in lines if not line.startswith(("note", "state")))]
     return MovingPart(
         part, _cloud(part.surface, rng, most_points), axis_cone(part), q, sd, tuple(words)
+    )
+
+
+def _one_after_the_other(parts: Sequence[MovingPart], model: ObjectModel) -> tuple[MovingPart, ...]:
+    """With states over the frames of all recordings, which parts of one recording share."""
+    recordings: dict[tuple[tuple[str, ...], int], range] = {}
+    own, total = [], 0
+    for moving in parts:
+        recording = (moving.part.sources or model.sources, moving.q.size)
+        if recording not in recordings:
+            recordings[recording] = range(total, total + moving.q.size)
+            total += moving.q.size
+        own.append(recordings[recording])
+
+    def placed(values: FloatArray, frames: range) -> FloatArray:
+        return np.pad(values, (frames.start, total - frames.stop), constant_values=np.nan)
+
+    return tuple(
+        replace(moving, q=placed(moving.q, frames), sd=placed(moving.sd, frames), recorded=frames)
+        for moving, frames in zip(parts, own, strict=True)
     )
 
 

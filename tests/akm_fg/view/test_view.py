@@ -18,6 +18,7 @@ from akm_fg.cli.main import main
 from akm_fg.io.recording import write_recording
 from akm_fg.model.write import write_model
 from akm_fg.view.contents import Contents, axis_cone, contents_of
+from akm_fg.view.page import html_page
 from tests.akm_fg.view.browser import BROWSER, opened
 
 
@@ -54,6 +55,26 @@ def test_parts_stay_where_they_were_while_they_are_not_seen(contents: Contents) 
     assert list(unseen.frames()) == [(0, [0.0]), (2, [0.2])]
     two = replace(unseen, parts=(*unseen.parts, replace(moving, q=np.full(4, 0.1))))
     assert list(two.frames())[1] == (1, [0.0, 0.1])
+
+
+def test_parts_of_several_recordings_are_played_one_after_the_other(two_part_model) -> None:
+    door, drawer = two_part_model.parts
+    best = drawer.posterior.best
+    shorter = replace(best.states, mean=best.states.mean[:-1], sd=best.states.sd[:-1])
+    kinds = {**drawer.posterior.alternatives, drawer.posterior.kind: replace(best, states=shorter)}
+    drawer = replace(drawer, posterior=replace(drawer.posterior, alternatives=kinds))
+    told = contents_of(two_part_model.with_part(drawer), "two")
+    frames = list(told.frames())
+    n, m = len(door.states.mean), len(drawer.states.mean)
+    assert frames[-1][0] == n + m - 1
+    for number, (q_door, q_drawer) in frames:
+        if number < n:  # while the door is opened the drawer is closed, and the other way round
+            assert q_drawer == drawer.closed_state
+        else:
+            assert q_door == door.closed_state
+            assert np.isfinite(told.parts[1].sd[number])
+    assert max(abs(q) for _, (q, _) in frames) > 0.1 and max(abs(q) for _, (_, q) in frames) > 0.05
+    assert "<title>two</title>" in html_page(told)
 
 
 def test_tracks_are_those_of_the_part_and_of_what_rests(contents: Contents, door) -> None:
