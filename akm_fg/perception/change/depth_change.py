@@ -31,10 +31,14 @@ _FRAMES_A_PIECE = 10  # compared without a pause: 20 ms
 class DepthChangeConfig:
     """What counts as a change of depth."""
 
-    stride_px: int = 3  # of the pixels compared, of a VGA image: errors of neighbours agree
+    stride_px: int = 3  # of the pixels compared, of a VGA image: errors of neighbours agree,
+    pitch_m: float = 0.009  # unless they would be farther apart on the object: parts may be small
     window: int = 3  # of such pixels, whose mean is compared
     sigmas: float = 3.0  # of the mean; chance alone seldom changes nine windows side by side
     least_m: float = 0.005  # on top: systematic errors
+    # Between a change and the object, or what was nearer in a frame before: of a lid that is up,
+    # the edge and its shadow have no depth.
+    beside_px: float = 15.0  # at 640 pixels
     least_area_m2: float = 0.0015  # of a connected change: 4 cm squared; smaller is no furniture
     share_frames: int = 8  # asked for `explained_share`
     share_points: int = 200  # of each, nearer and farther
@@ -50,6 +54,7 @@ class DepthChange:
     config: DepthChangeConfig
     frames: tuple[RgbdFrame, ...]  # T, (h, w): every stride-th pixel
     stride: int
+    on_object: BoolArray  # (h, w) in frame 0
     nearer: BoolArray  # (T, h, w) shows a surface that was not there
     farther: BoolArray  # (T, h, w) the surface that was there is gone
     area_m2: FloatArray  # (T,) of the nearer surface, seen from the camera
@@ -78,7 +83,8 @@ def depth_change(
 
     Args:
         recording: T frames of one camera that stands still.
-        object_mask: (H, W) in frame 0; changes that do not touch it are left out.
+        object_mask: (H, W) in frame 0; changes that are beside neither it nor what was nearer
+            in a frame before are left out.
         noise: of the depth.
         config: tuning.
 
@@ -89,9 +95,11 @@ def depth_change(
     shape = recording.frames[0].depth_m.shape
     if object_mask.shape != shape:
         raise ValueError(f"mask {object_mask.shape}, expected {shape}")
-    stride = max(1, round(config.stride_px * shape[1] / 640))
+    stride = _stride_px(recording.frames[0], object_mask, config)
     frames = tuple(_thinned(f, stride) for f in recording.frames)
-    touched = cv2.dilate(object_mask[::stride, ::stride].astype(np.uint8), _KERNEL) > 0
+    beside = max(1, round(config.beside_px * shape[1] / 640 / stride))
+    on_object = object_mask[::stride, ::stride]
+    touched = _widened(on_object, beside)
     fx = recording.frames[0].camera.fx
     first = _windows(frames[0], fx, noise, config)
     last = _windows(frames[-1], fx, noise, config)
@@ -108,9 +116,19 @@ def depth_change(
         nearer[t] = _components((off > gate) & (own > gate / 2), touched, metric, config)
         farther[t] = _components((off < -gate) & (own < -gate / 2), touched, metric, config)
         area[t] = float(metric[nearer[t]].sum())
+        touched |= _widened(nearer[t], beside)
         if t % _FRAMES_A_PIECE == 0:
             yield
-    return DepthChange(recording, noise, config, frames, stride, nearer, farther, area)
+    return DepthChange(recording, noise, config, frames, stride, on_object, nearer, farther, area)
+
+
+def _stride_px(frame: RgbdFrame, object_mask: BoolArray, config: DepthChangeConfig) -> int:
+    """Between pixels that are compared."""
+    most = config.stride_px * object_mask.shape[1] / 640
+    depth_m = frame.depth_m[object_mask & np.isfinite(frame.depth_m)]
+    if depth_m.size:
+        most = min(most, config.pitch_m * frame.camera.fx / float(np.median(depth_m)))
+    return max(1, round(most))
 
 
 def _gate_factor(
@@ -178,6 +196,11 @@ def change_frames(change: DepthChange, known: BoolArray, count: int) -> list[int
     if some.size > count:
         some = some[np.linspace(0, some.size - 1, count).round().astype(int)]
     return [int(t) for t in some]
+
+
+def _widened(mask: BoolArray, by_px: int) -> BoolArray:
+    around = np.ones((2 * by_px + 1,) * 2, np.uint8)
+    return np.asarray(cv2.dilate(mask.astype(np.uint8), around) > 0)
 
 
 @dataclass(frozen=True, slots=True)

@@ -47,6 +47,8 @@ class DepthMotionConfig:
     gate_sigmas: float = 3.0  # of a reading, on top
     dof: float = 4.0  # of the Student-t weights of points: other surfaces are common
     search_m: tuple[float, ...] = (0.0, 0.03, -0.03, 0.06, -0.06, 0.09, -0.09)  # from a neighbour
+    # How far the guess may be off that says where the part was in frame 0: a centimetre is seen.
+    first_off_m: tuple[float, ...] = tuple(0.01 * i for i in range(-6, 7))
     surely_seen: float = 0.5  # of the most points of the face seen in any frame
     min_seen: float = 0.1  # of the face, in a frame whose state is known
     least_cosine: float = 0.2  # between ray and normal: 78 deg

@@ -58,7 +58,8 @@ def face_planes(
     for t in keyframes[: config.first_frames]:
         first |= change.nearer[t]
     w_0 = _inverse_depth(change, 0)
-    at_rest = _largest_plane(change, w_0, first, rng, config)
+    on_object = first & change.on_object  # beside it, frame 0 shows what is behind the part
+    at_rest = _largest_plane(change, w_0, on_object, rng, config)
     if at_rest is None:
         return None
     normal_0, offset_0 = _in_world(change, at_rest)

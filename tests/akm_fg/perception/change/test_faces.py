@@ -67,6 +67,35 @@ def test_a_hinge_is_where_its_faces_meet_and_its_states_grow(turn: float):
     np.testing.assert_allclose(origin[:2], hinge[:2], atol=1e-3)
 
 
+def test_a_thin_lid_that_has_passed_edge_on_shows_its_back_and_its_states_go_on():
+    """A camera that looks along the closed face's normal sees its back from a quarter turn on."""
+    hinge = np.array([-0.2, 0.0, 0.0])
+    angles = np.linspace(0.3, 2.3, 6)
+    normals, centres = swung(angles, hinge)
+    normals[normals @ FRONT < 0] *= -1
+    start, *_ = starts_from_faces(faces(normals, centres), 7, TILTS)
+    assert start.guess.kind == "revolute"
+    np.testing.assert_allclose(start.guess.q[1:], angles, atol=1e-6)
+    np.testing.assert_allclose(start.guess.joint.T_world_joint[:2, 3], hinge[:2], atol=1e-3)
+    outer = start.normal_world @ FRONT
+    np.testing.assert_allclose(np.abs(outer), 1.0, atol=1e-6)  # each point with its own side
+    assert (outer > 0).any() and (outer < 0).any()
+
+
+def test_a_box_that_turns_its_side_to_the_camera_goes_on_turning():
+    """From the third plane on it is the side at a right angle to the face that is the largest."""
+    hinge = np.array([-0.2, 0.0, 0.0])
+    angles = np.array([0.1, 0.2, 0.45, 0.7, 0.95, 1.2])
+    normals, centres = swung(angles, hinge)
+    for k in range(2, 6):
+        R = gtsam.Rot3.Rz(angles[k]).matrix()
+        normals[k], centres[k] = R @ [-1.0, 0.0, 0.0], hinge + R @ [-0.02, 0.1, 0.0]
+    starts = starts_from_faces(faces(normals, centres), 7, TILTS)
+    found = [s.guess for s in starts if s.guess.kind == "revolute"]
+    (right,) = (g for g in found if np.allclose(g.q[1:], angles, atol=1e-6))
+    np.testing.assert_allclose(right.joint.T_world_joint[:2, 3], hinge[:2], atol=0.02)
+
+
 def test_one_face_that_is_warped_does_not_tilt_the_hinge():
     """Of seven faces one is tilted by 0.05 rad, ten deviations: least squares would follow it."""
     hinge = np.array([-0.2, 0.0, 0.0])
