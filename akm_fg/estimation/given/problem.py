@@ -87,10 +87,18 @@ class FitProblem:
         return replace(self, sources=(*self.sources[:at], source, *self.sources[at + 1 :]))
 
     def restricted(self, frames: NDArray[np.int_]) -> FitProblem:
-        """Over some of its graph's frames (indices, growing); free motions are to be found anew."""
-        sources = [source.restricted(frames) for source in self.sources]
+        """Over some of its graph's frames (indices, growing); free motions are to be found anew.
+
+        Tracks that none of them sees are left out.
+        """
+        seen = np.flatnonzero(self.tracks.observations.observed[frames].any(axis=0))
+        sources = [
+            source.restricted(frames) for source in (self.tracks.of(seen), *self.sources[1:])
+        ]
         return replace(
             self,
+            points=self.points.select(seen),
+            members=self.members[seen],
             keyframes=self.keyframes[frames],
             sources=tuple(source for source in sources if source is not None),
             guesses=[guess.restricted(frames) for guess in self.guesses],

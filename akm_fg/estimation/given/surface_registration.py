@@ -15,12 +15,11 @@ from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import csr_matrix
-from scipy.sparse.csgraph import connected_components
 
 from akm_fg.estimation.config import SurfaceConfig
 from akm_fg.estimation.given.motion_fit import fit_to_motions
 from akm_fg.estimation.given.problem import FitProblem
+from akm_fg.estimation.given.tied_frames import most_telling, off_the_path, tied_frames
 from akm_fg.estimation.sources.source import FirstFit, LateSource
 from akm_fg.estimation.sources.surface import SURFACE, SurfaceSource
 from akm_fg.geometry.joint_guess import JointGuess
@@ -49,6 +48,10 @@ class AssociatedPatches(Protocol):
     @property
     def seen_through(self) -> FloatArray:
         """(K,) share of the part's patches in whose place something farther is seen, or NaN."""
+
+    @property
+    def was_there(self) -> FloatArray:
+        """(K,) share of a view's patches in whose place is what was there before, or NaN."""
 
 
 class SurfaceViews(Protocol):
@@ -156,10 +159,13 @@ def register(
         typical_m = scale / math.sqrt(float(precision))
         gate_m = max(config.gate_sigmas * typical_m, config.least_gate_m)
         yield
-    blind = np.asarray(~problem.tracks.observations.observed.any(axis=1))
-    tracked = np.isin(at, np.flatnonzero(~blind))
-    shown = tied_views(source.patches.seen, tracked, config) & ~(seen.seen_through > config.opaque)
-    blind[at[shown]] = False
+    followed = problem.tracks.observations.observed
+    blind = np.asarray(~followed.any(axis=1))
+    other = (seen.seen_through > config.opaque) | (seen.was_there > config.opaque)
+    other |= off_the_path(guess.q, config)[at]
+    blind[at] &= ~source.patches.seen.any(axis=1) | other
+    label = tied_frames(followed, at, source.patches.seen, config)
+    blind |= ~most_telling(label, guess, motions.information)
     if blind.any():  # a view that shows nothing of the part after all
         kept = np.flatnonzero(~blind)
         if kept.size < 2:
@@ -170,32 +176,6 @@ def register(
     tracks = replace(problem.tracks, first_scale=level, x_world=motions.x_world)
     problem = replace(problem, motions=motions).with_source(tracks).with_source(source)
     return problem, replace(first, guess=guess)
-
-
-def tied_views(
-    seen: BoolArray, tracked: BoolArray, config: SurfaceConfig | None = None
-) -> BoolArray:
-    """(K,) views that are tied to the first, or to those with tracks, by patches that both see.
-
-    What ties to nothing may be anything that happens to lie where some state would put the part:
-    the hand, or what the part covered. A thin part that has passed edge-on shows its back, which
-    no other view knows.
-
-    Args:
-        seen: (K, S) patches.
-        tracked: (K,) views in whose frames tracks see the part: these tie to one another.
-        config: how much two views share that are tied.
-    """
-    config = config or SurfaceConfig()
-    shared = seen.astype(int) @ seen.T.astype(int)
-    own = np.diag(shared)
-    enough = np.maximum(
-        config.least_shared * np.minimum(own[:, None], own), config.least_shared_patches
-    )
-    tied = (shared >= enough) | (tracked[:, None] & tracked)
-    _, label = connected_components(csr_matrix(tied), directed=False)
-    main = label[np.flatnonzero(tracked)[0]] if tracked.any() else label[0]
-    return np.asarray(label == main)
 
 
 def _about_surface(problem: FitProblem, cost: DenseCost) -> FitProblem:

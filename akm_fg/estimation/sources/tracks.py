@@ -98,6 +98,13 @@ class TrackSource(Source):
         )
         return replace(self, observations=kept)
 
+    def of(self, members: NDArray[np.int_]) -> TrackSource:
+        """With some of its tracks (indices); what their covariances add to all kinds stays."""
+        seen = self.observations
+        kept = replace(seen.select(members), log_det_cov=seen.log_det_cov)
+        x_world = None if self.x_world is None else self.x_world[:, members]
+        return replace(self, observations=kept, x_world=x_world)
+
     @property
     def any(self) -> bool:
         """Whether there is any track."""

@@ -45,7 +45,7 @@ class ChangedSurface:
             on_part = replace(planes, valid=planes.valid & self.change.mask(t))
             clouds.append(sample_cloud(on_part, t, rng, stride_px=self.config.patches.stride_px))
             yield
-        return PatchViews(numbers, tuple(fitted), tuple(clouds), self.config.patches)
+        return PatchViews(numbers, tuple(fitted), tuple(clouds), self.config.patches, True)
 
     def middle(self, R_world: FloatArray, t_world: FloatArray, known: BoolArray) -> FloatArray:
         """(3,) roughly the middle of the part at state zero, for motions from frame 0."""

@@ -8,7 +8,9 @@ robot, another part, the image's border) shows no plane of the part there: no ob
 
 A surface has a side: seen normals face the camera, so that a patch which would show its back is
 seen nowhere. And it is opaque: where a frame shows what lies behind the patches of the first view,
-which should be in front of it, the part is not there (`Association.seen_through`).
+which should be in front of it, the part is not there (`Association.seen_through`). Where the first
+view shows the same surface in the same place, though it should have moved, it is not the part's
+either (`Association.was_there`).
 """
 
 from __future__ import annotations
@@ -47,6 +49,10 @@ class Association:
     # (K,) share of the first view's patches, of those that face the camera and are not covered, in
     # whose place something farther away is seen; NaN where too few are judged.
     seen_through: FloatArray
+    # (K,) share of a view's patches, of those whose surface should have moved, in whose place is
+    # what was there before: seen in the first view (it rests), or hidden in it where the part came
+    # nearer (it is what the part has covered); NaN where too few are judged.
+    was_there: FloatArray
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,6 +63,7 @@ class PatchViews:
     planes: tuple[DepthPlanes, ...]
     clouds: tuple[PartCloud, ...]
     config: PatchConfig
+    came_nearer: bool = False  # whether the clouds are of what is nearer than in the first view
 
     def associate(self, R_world: FloatArray, t_world: FloatArray, gate_m: float) -> Association:
         """Patches and observations for motions (K, 3, 3), (K, 3) from the reference pose.
@@ -70,8 +77,9 @@ class PatchViews:
         K, S = len(self.planes), x.shape[1]
         p_world, precision = np.zeros((K, 3, S)), np.zeros((K, S))
         normal, uv = np.zeros((3, S)), np.full((K, S, 2), np.nan)
-        farther = np.zeros((K, S), dtype=bool)
+        farther, same, went = (np.zeros((K, S), dtype=bool) for _ in range(3))
         least_cosine = np.cos(self.config.max_normal_angle_rad)
+        x_first = R_world[0] @ x + t_world[0][:, None]
         for k, planes in enumerate(self.planes):
             moved = R_world[k] @ x + t_world[k][:, None]
             p_cam = planes.T_world_cam.inverse().matrix()[:3] @ np.vstack([moved, np.ones(S)])
@@ -81,13 +89,17 @@ class PatchViews:
             off = np.abs((expected * (at.p_world.T - moved)).sum(axis=0))
             good = (expected * at.normal_world.T).sum(axis=0) > least_cosine
             good &= off < gate_m
-            farther[k] = self._farther(k, uv[k], moved, expected, gate_m)
+            behind, clear_m = self._behind(k, uv[k], moved, expected, gate_m)
+            farther[k] = behind > clear_m
+            before, clear_m = self._behind(0, uv[k], moved, expected, gate_m)
+            came = np.abs((expected * (moved - x_first)).sum(axis=0)) > 2 * clear_m
+            covered = self.came_nearer and len(self.clouds[k].p_world) >= self.config.least_judged
+            same[k] = (np.abs(before) < clear_m) | (covered & (before < -clear_m))
+            went[k] = good & came & np.isfinite(before)
             p_world[k][:, good] = at.p_world[good].T
             precision[k, good] = at.sigma_normal_m[good] ** -2
             normal[:, good] += R_world[k].T @ at.normal_world[good].T
         judged = ((precision > 0) | farther) & (precision[:1] > 0).any(axis=0)
-        count = judged.sum(axis=1)
-        share = (farther & judged).sum(axis=1) / np.maximum(count, 1)
         kept = (precision > 0).sum(axis=0) >= self.config.min_views
         normal = normal[:, kept]
         return Association(
@@ -97,13 +109,23 @@ class PatchViews:
                 normal / np.maximum(np.linalg.norm(normal, axis=0), 1e-12),
             ),
             uv[:, kept],
-            np.where(count >= self.config.least_judged, share, np.nan),
+            self._share(farther, judged),
+            self._share(same, went),
         )
 
-    def _farther(
+    def _share(self, those: BoolArray, judged: BoolArray) -> FloatArray:
+        """(K,) share of the patches (K, S) that are judged; NaN where they are too few."""
+        count = judged.sum(axis=1)
+        share = (those & judged).sum(axis=1) / np.maximum(count, 1)
+        return np.where(count >= self.config.least_judged, share, np.nan)
+
+    def _behind(
         self, k: int, uv: FloatArray, moved: FloatArray, normal: FloatArray, gate_m: float
-    ) -> BoolArray:
-        """(S,) patches (3, S) that face a view's camera, with something farther in their place."""
+    ) -> tuple[FloatArray, FloatArray]:
+        """How far behind patches (3, S) a view sees something, and what is clearly off.
+
+        Along their normals (S,), NaN where a patch does not face the camera or nothing is seen.
+        """
         planes = self.planes[k]
         rays = moved - planes.T_world_cam.translation()[:, None]
         cosine = -(normal * rays).sum(axis=0) / np.linalg.norm(rays, axis=0)
@@ -112,10 +134,10 @@ class PatchViews:
         inside = (u >= 0) & (v >= 0) & (u < camera.width) & (v < camera.height)
         seen_m = np.where(inside, planes.depth_m[np.where(inside, v, 0), np.where(inside, u, 0)], 0)
         expected_m = planes.T_world_cam.rotation().matrix()[:, 2] @ rays
-        off = (seen_m - expected_m) * cosine > gate_m + 3 * planes.noise.sigma_m(
-            expected_m, camera.fx
-        )
-        return np.asarray(inside & (cosine > self.config.least_cosine) & off)
+        behind = (seen_m - expected_m) * cosine
+        facing = inside & (cosine > self.config.least_cosine)
+        clear_m = gate_m + 3 * planes.noise.sigma_m(expected_m, camera.fx)
+        return np.where(facing, behind, np.nan), np.asarray(clear_m)
 
     def _patches(self, R_world: FloatArray, t_world: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Points and normals (3, S) in the reference pose, one a cell."""

@@ -56,7 +56,8 @@ class Slab:
             np.array(precision)[:, kept],
             self.normal_world[:, kept],
         )
-        return Association(patches, np.array(uv)[:, kept], np.full(len(uv), np.nan))
+        unknown = np.full(len(uv), np.nan)
+        return Association(patches, np.array(uv)[:, kept], unknown, unknown)
 
 
 @dataclass(frozen=True)
@@ -66,6 +67,7 @@ class Association:
     patches: PatchObservations
     uv: np.ndarray
     seen_through: np.ndarray
+    was_there: np.ndarray
 
 
 @pytest.fixture(scope="session")

@@ -3,6 +3,8 @@
 Depth images are of planes, worked out pixel by pixel; the camera stands at the world's origin.
 """
 
+from dataclasses import replace
+
 import gtsam
 import numpy as np
 import pytest
@@ -227,3 +229,29 @@ def test_a_patch_that_would_show_its_back_is_seen_nowhere_and_judges_nothing():
     seen = views.associate(*_motions(STILL, STILL, over), GATE_M)
     assert seen.patches.seen[0].all() and not seen.patches.seen[2].any()
     assert np.isnan(seen.seen_through[2])
+
+
+def _halves(left, right):
+    """Depth of one plane in the left half of the image and of another in the right half."""
+    return np.where(np.arange(CAMERA.width) < CAMERA.width // 2, left, right)
+
+
+def test_what_was_there_before_the_part_came_is_not_the_part():
+    """In the right half a wall stands where a false motion would put the part: 25 cm nearer."""
+    near = gtsam.Pose3(gtsam.Rot3(), np.array([0.0, 0.0, -0.25]))
+    front, nearer = _depth(*FRONT), _depth(*_moved(FRONT, near))
+    still, moved = _planes(_halves(front, nearer)), _planes(nearer)
+    false = _views(still, still).associate(*_motions(STILL, near), GATE_M).was_there
+    assert np.isnan(false[0]) and false[1] > 0.95
+    true = _views(_planes(front), moved).associate(*_motions(STILL, near), GATE_M).was_there
+    assert np.isnan(true[0]) and true[1] == 0
+
+
+def test_what_a_part_that_came_nearer_has_covered_is_not_the_part():
+    """A surface 25 cm behind the front; of drawers that close it is theirs."""
+    back = gtsam.Pose3(gtsam.Rot3(), np.array([0.0, 0.0, 0.25]))
+    planes = _planes(_depth(*FRONT)), _planes(_depth(*_moved(FRONT, back)))
+    views = _views(*planes)
+    assert views.associate(*_motions(STILL, back), GATE_M).was_there[1] == 0
+    opened = replace(views, came_nearer=True)
+    assert opened.associate(*_motions(STILL, back), GATE_M).was_there[1] == 1
