@@ -20,4 +20,5 @@ class PerceptionConfig:
     following: FollowingConfig = field(default_factory=FollowingConfig)
     surface: SurfaceConfig = field(default_factory=SurfaceConfig)
     rig: RigConfig = field(default_factory=RigConfig)
-    least_explained: float = 0.5  # of what changed in depth, by an answer from depth alone
+    least_explained: float = 0.5  # of what changed in depth, by an answer from depth alone,
+    least_told: float = 0.25  # and of the frames in which it changed, by those with a state

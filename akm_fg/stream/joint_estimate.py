@@ -6,7 +6,9 @@ what explains the change, tracks or depth -> what else is known -> all kinds, su
 from __future__ import annotations
 
 import logging
-from dataclasses import dataclass, replace
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,7 +16,6 @@ from numpy.typing import NDArray
 from akm_fg.errors import InsufficientData
 from akm_fg.estimation.between_kinds.weighed_kinds import (
     FittedKinds,
-    silenced,
     with_sampled_joints,
 )
 from akm_fg.estimation.config import FitConfig
@@ -24,19 +25,18 @@ from akm_fg.estimation.sources.gripper import GripperPoses
 from akm_fg.estimation.sources.source import Given
 from akm_fg.estimation.sources.static_points import StaticPoints
 from akm_fg.geometry.joint_guess import JointGuess
-from akm_fg.geometry.rigid_motion import MIN_POINTS, free_rigid_motion
+from akm_fg.geometry.rigid_motion import free_rigid_motion
 from akm_fg.perception.change.depth_change import explained_share
 from akm_fg.perception.change.depth_motion import DepthMotion, depth_motion
 from akm_fg.perception.config import PerceptionConfig
 from akm_fg.perception.depth.other_view import stands_still
-from akm_fg.perception.moving_part.following import following
 from akm_fg.perception.observed import ObservedMotion
-from akm_fg.perception.surface.changed_surface import ChangedSurface
 from akm_fg.perception.surface.part_surface import PartSurface
 from akm_fg.posterior import ArticulationPosterior
 from akm_fg.records import Recording
 from akm_fg.stages import ModelSettings, RecordingFit
 from akm_fg.steps import Steps, to_end
+from akm_fg.stream.change_estimate import by_change_in_steps
 
 log = logging.getLogger(__name__)
 
@@ -86,9 +86,41 @@ def estimate_in_steps(
     if settings.states is not None:
         knowledge.append(settings.states)
     yield
-    if change is not None:
-        return (yield from _by_change(recording, observed, change, settings, knowledge))
-    return (yield from _by_tracks(recording, observed, settings, knowledge))
+    by_tracks = partial(_by_tracks, recording, observed, settings, knowledge)
+    if change is None:
+        return (yield from by_tracks())
+    try:
+        found = yield from by_change_in_steps(recording, observed, change, settings, knowledge)
+    except InsufficientData as error:  # the tracks explain less of the change, but have a joint
+        if not observed.segmentation.moving.any():
+            raise
+        log.info("%s: by depth: %s; the tracks are asked", recording.name, error)
+        return (yield from by_tracks())
+    estimate = JointEstimate(*found, by_tracks=False)
+    if _rests_on_enough(estimate, settings) or not observed.segmentation.moving.any():
+        return estimate
+    return (yield from _in_accord(estimate, by_tracks))
+
+
+def _rests_on_enough(estimate: JointEstimate, settings: ModelSettings) -> bool:
+    """Whether an answer by depth is one, and needs no other."""
+    answer, rig = estimate.fitted.posterior, settings.perception.rig
+    few = answer.fit.tracks_used < rig.least_tracks and answer.fit.patches_used < rig.least_patches
+    return answer.kind != "undecided" and not few
+
+
+def _in_accord(
+    by_depth: JointEstimate, by_tracks: Callable[[], Steps[JointEstimate]]
+) -> Steps[JointEstimate]:
+    """The tracks' answer where it is of the kind that depth alone holds most probable."""
+    try:
+        other = yield from by_tracks()
+    except InsufficientData:
+        return by_depth
+    kinds = [each.fitted.posterior.best.joint for each in (by_depth, other)]
+    if any(joint is None for joint in kinds):
+        return by_depth
+    return other if len({joint.turns for joint in kinds if joint is not None}) == 1 else by_depth
 
 
 def better_than_tracks(
@@ -115,7 +147,7 @@ def better_than_tracks(
     told = float((both & changed).sum() / max(changed.sum(), 1))  # tracks that end early tell less
     yield
     by_tracks = told * explained_share(found.change, R, t, both)
-    by_depth = explained_share(found.change, R_depth, t_depth, both)
+    by_depth = explained_share(found.change, R_depth, t_depth, found.known[0])
     log.info(
         "%s: tracks explain %.2f of the change, depth %.2f", recording.name, by_tracks, by_depth
     )
@@ -168,62 +200,6 @@ def _surface_alone(
         knowledge,
     )
     return JointEstimate(observed, fitted, none, False)
-
-
-def _by_change(
-    recording: Recording,
-    observed: ObservedMotion,
-    change: DepthMotion,
-    settings: ModelSettings,
-    knowledge: list[Given],
-) -> Steps[JointEstimate]:
-    """Start from the motion that depth shows; the tracks that follow it take part."""
-    perception, guess = settings.perception, change.guesses[0]
-    surface = ChangedSurface(change.change, settings.seed, perception.surface)
-    R, t = guess.motion()
-    known = change.known[0]
-    moving = following(observed.tracks, R, t, known, perception.following)
-    segmentation = observed.segmentation
-    observed = replace(
-        observed,
-        segmentation=replace(
-            segmentation,
-            moving=moving,
-            static=segmentation.static & ~moving,
-            rejected=(segmentation.rejected | segmentation.moving) & ~moving,
-        ),
-    )
-    enough = moving.sum() >= MIN_POINTS and settings.sources != "surface"
-    used = np.flatnonzero(moving) if enough else np.zeros(0, dtype=int)
-    fitted = yield from surface_in_steps(
-        surface,
-        guess,
-        surface.middle(R, t, known),
-        observed.tracks.select(used),
-        recording.name,
-        settings.fit,
-        settings.fit.camera_systematic_m,
-        knowledge,
-    )
-    share = _share_of_answer(change, fitted)
-    log.info("%s: the answer explains %.2f of the change", recording.name, share)
-    if not share >= perception.least_explained:
-        reason = (
-            f"only {0 if np.isnan(share) else 100 * share:.0f} % of what changed in depth is "
-            "where this joint puts the part; expected most of it"
-        )
-        fitted = replace(fitted, posterior=silenced(fitted.posterior, reason))
-    return JointEstimate(observed, fitted, used[fitted.problem.members], False)
-
-
-def _share_of_answer(change: DepthMotion, fitted: FittedKinds) -> float:
-    """Of what changed, how much the most probable kind explains in the frames it has states of."""
-    best = fitted.posterior.best
-    if best.joint is None or best.states is None:
-        return float("nan")
-    known = np.isfinite(best.states.mean)
-    R, t = best.joint.joint.motion(np.where(known, best.states.mean, 0.0))
-    return explained_share(change.change, R, t, known)
 
 
 def knowledge_of(recording: Recording, observed: ObservedMotion, config: FitConfig) -> list[Given]:

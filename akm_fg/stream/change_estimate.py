@@ -1,0 +1,207 @@
+"""From the motion that depth alone shows to all kinds: surfaces registered from there.
+
+The association of surfaces serves all kinds, but it starts from the joint of one: on a curved lid
+a slide finds the same patches as a hinge. Where next to no point could be followed, the rival of
+the kind that was found therefore gets a start of its own, from where the first fit left it; two
+kinds that explain what changed about as well name none.
+"""
+
+from __future__ import annotations
+
+import logging
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from akm_fg.errors import InsufficientData
+from akm_fg.estimation.between_kinds.weighed_kinds import FittedKinds, silenced
+from akm_fg.estimation.fit import surface_in_steps
+from akm_fg.estimation.sources.source import Given
+from akm_fg.geometry.joint_guess import JointGuess
+from akm_fg.geometry.rigid_motion import MIN_POINTS
+from akm_fg.perception.change.depth_change import explained_share
+from akm_fg.perception.change.depth_motion import DepthMotion
+from akm_fg.perception.config import PerceptionConfig
+from akm_fg.perception.moving_part.following import following
+from akm_fg.perception.observed import ObservedMotion
+from akm_fg.perception.surface.changed_surface import ChangedSurface
+from akm_fg.records import BoolArray, Recording
+from akm_fg.stages import ModelSettings
+from akm_fg.steps import Steps
+from factors.joint import JointKind
+
+log = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True, slots=True)
+class _Answer:
+    """All kinds from one start, and of what changed the share that the best explains."""
+
+    fitted: FittedKinds
+    share: float
+
+    @property
+    def turns(self) -> bool | None:
+        """Whether the best kind does; None where nothing moved."""
+        joint = self.fitted.posterior.best.joint
+        return None if joint is None else joint.turns
+
+
+@dataclass(frozen=True, slots=True)
+class _Start:
+    """What the fits of one recording share."""
+
+    recording: Recording
+    observed: ObservedMotion
+    used: NDArray[np.int_]  # tracks that follow
+    change: DepthMotion
+    settings: ModelSettings
+    knowledge: list[Given]
+
+
+def by_change_in_steps(
+    recording: Recording,
+    observed: ObservedMotion,
+    change: DepthMotion,
+    settings: ModelSettings,
+    knowledge: list[Given],
+) -> Steps[tuple[ObservedMotion, FittedKinds, NDArray[np.int_]]]:
+    """Start from the motion that depth shows; the tracks that follow it take part.
+
+    Returns:
+        What was seen with those tracks as the moving ones, all kinds, and which tracks took part.
+    """
+    perception, guess = settings.perception, change.guesses[0]
+    moving = following(observed.tracks, *guess.motion(), change.known[0], perception.following)
+    segmentation = observed.segmentation
+    observed = replace(
+        observed,
+        segmentation=replace(
+            segmentation,
+            moving=moving,
+            static=segmentation.static & ~moving,
+            rejected=(segmentation.rejected | segmentation.moving) & ~moving,
+        ),
+    )
+    enough = moving.sum() >= MIN_POINTS and settings.sources != "surface"
+    used = np.flatnonzero(moving) if enough else np.zeros(0, dtype=int)
+    start = _Start(recording, observed, used, change, settings, knowledge)
+    answer = yield from _answer_from(start, guess, change.known[0])
+    if used.size < perception.rig.least_tracks:
+        answer = yield from _against_its_rival(start, answer)
+    log.info("%s: the answer explains %.2f of the change", recording.name, answer.share)
+    fitted = _silenced_where_little_is_told(answer, change, perception)
+    return observed, fitted, used[fitted.problem.members]
+
+
+def _silenced_where_little_is_told(
+    answer: _Answer, change: DepthMotion, perception: PerceptionConfig
+) -> FittedKinds:
+    """The kinds; none is named where the best explains little, or has few states."""
+    fitted, reason = answer.fitted, None
+    if not answer.share >= perception.least_explained:
+        share = 0.0 if np.isnan(answer.share) else 100 * answer.share
+        reason = (
+            f"only {share:.0f} % of what changed in depth is "
+            "where this joint puts the part; expected most of it"
+        )
+    else:
+        changed = change.change.nearer.any(axis=(1, 2))
+        states = fitted.posterior.best.states
+        told = int(changed.sum() if states is None else (changed & np.isfinite(states.mean)).sum())
+        if told < perception.least_told * changed.sum():
+            reason = (
+                f"the part could be found in {told} of the {int(changed.sum())} frames in which "
+                "depth changed; expected more of them"
+            )
+    if reason is None:
+        return fitted
+    return replace(fitted, posterior=silenced(fitted.posterior, reason))
+
+
+def _answer_from(start: _Start, guess: JointGuess, known: BoolArray) -> Steps[_Answer]:
+    """All kinds, the surface registered from one joint.
+
+    Args:
+        start: what is fitted.
+        guess: the joint, over the T frames.
+        known: (T,) where its states are.
+    """
+    settings, change = start.settings, start.change
+    surface = ChangedSurface(change.change, settings.seed, settings.perception.surface)
+    fitted = yield from surface_in_steps(
+        surface,
+        guess,
+        surface.middle(*guess.motion(), known),
+        start.observed.tracks.select(start.used),
+        start.recording.name,
+        settings.fit,
+        settings.fit.camera_systematic_m,
+        start.knowledge,
+    )
+    return _Answer(fitted, share_of_answer(change, fitted, settings.perception))
+
+
+def _against_its_rival(start: _Start, answer: _Answer) -> Steps[_Answer]:
+    """The answer, or the one that its rival leads to; silenced where they explain as much."""
+    rival = _rival(answer.fitted)
+    if rival is None:
+        return answer
+    try:
+        other = yield from _answer_from(start, *rival)
+    except InsufficientData:
+        return answer
+    clearly = start.settings.perception.change.clearly_more
+    more = np.nan_to_num(other.share) - np.nan_to_num(answer.share)
+    log.info("%s: the rival's start explains %.2f", start.recording.name, other.share)
+    if more > clearly:
+        return other
+    if other.turns == answer.turns or -more > clearly:
+        return answer
+    reason = "by depth alone the part may turn or slide; expected texture on it, or a longer way"
+    fitted = replace(answer.fitted, posterior=silenced(answer.fitted.posterior, reason))
+    return replace(answer, fitted=fitted)
+
+
+def _rival(fitted: FittedKinds) -> tuple[JointGuess, BoolArray] | None:
+    """The other of hinge and slide where the fit left it, and where its states are."""
+    best = fitted.posterior.best.joint
+    if best is None:
+        return None
+    kind = JointKind.PRISMATIC if best.turns else JointKind.REVOLUTE
+    rival = fitted.posterior.alternatives.get(str(kind))
+    if rival is None or rival.joint is None or rival.states is None:
+        return None
+    known = np.isfinite(rival.states.mean)
+    frames = np.arange(known.size)
+    q = np.interp(frames, frames[known], rival.states.mean[known])
+    return JointGuess(rival.joint.joint, q - q[0]), known
+
+
+def share_of_answer(change: DepthMotion, fitted: FittedKinds, config: PerceptionConfig) -> float:
+    """Of what changed, how much the most probable kind explains in the frames it has states of.
+
+    Where frame 0 has none, since it shows another side of the part than the others, its state is
+    near the one of depth's first guess: that which explains most.
+
+    Args:
+        change: the motion that depth shows.
+        fitted: all kinds.
+        config: tuning.
+
+    Returns:
+        NaN where nothing can be judged.
+    """
+    best = fitted.posterior.best
+    if best.joint is None or best.states is None:
+        return float("nan")
+    joint, known, guess = best.joint.joint, np.isfinite(best.states.mean), change.guesses[0]
+    q, ways = np.where(known, best.states.mean, 0.0), np.zeros(1)
+    if not known[0]:
+        forward = float(np.sign(joint.axis @ guess.joint.axis))
+        between = float(np.median(forward * guess.q[known] - q[known]))
+        metres = fitted.problem.part.metres_per_unit(JointGuess(joint, q))
+        ways = between + np.array(config.change.first_off_m) / metres
+    shares = [explained_share(change.change, *joint.motion(q + way), known) for way in ways]
+    return max(shares)
