@@ -183,7 +183,7 @@ def share_of_answer(change: DepthMotion, fitted: FittedKinds, config: Perception
     """Of what changed, how much the most probable kind explains in the frames it has states of.
 
     Where frame 0 has none, since it shows another side of the part than the others, its state is
-    near the one of depth's first guess: that which explains most.
+    near the one of depth's first guess, if that explains the change: the one that explains most.
 
     Args:
         change: the motion that depth shows.
@@ -198,6 +198,8 @@ def share_of_answer(change: DepthMotion, fitted: FittedKinds, config: Perception
         return float("nan")
     joint, known, guess = best.joint.joint, np.isfinite(best.states.mean), change.guesses[0]
     q, ways = np.where(known, best.states.mean, 0.0), np.zeros(1)
+    if not known[0] and not change.explained[0] >= config.least_explained:
+        return float("nan")
     if not known[0]:
         forward = float(np.sign(joint.axis @ guess.joint.axis))
         between = float(np.median(forward * guess.q[known] - q[known]))

@@ -96,7 +96,7 @@ def test_what_an_answer_explains_is_judged_from_frame_0_also_where_it_has_no_sta
     joint = Joint(JointKind.PRISMATIC, towards, 0.0)
     guess = JointGuess(joint, np.array([0.0, 0.12, 0.2, 0.29]))
     known = np.ones(4, dtype=bool)
-    depth = DepthMotion((guess,), (1.0,), (known,), change)
+    depth, vague = (DepthMotion((guess,), (e,), (known,), change) for e in (1.0, 0.1))
     for states, least, most in (
         ([np.nan, 0.0, 0.1, 0.2], 0.95, 1.0),
         ([np.nan, 0.0, 0.0, 0.0], 0.0, 0.6),
@@ -109,3 +109,4 @@ def test_what_an_answer_explains_is_judged_from_frame_0_also_where_it_has_no_sta
             posterior=SimpleNamespace(best=best), problem=SimpleNamespace(part=part)
         )
         assert least <= share_of_answer(depth, fitted, PerceptionConfig()) <= most
+        assert np.isnan(share_of_answer(vague, fitted, PerceptionConfig()))
