@@ -21,4 +21,5 @@ class PerceptionConfig:
     surface: SurfaceConfig = field(default_factory=SurfaceConfig)
     rig: RigConfig = field(default_factory=RigConfig)
     least_explained: float = 0.5  # of what changed in depth, by an answer from depth alone,
+    faces_suffice: float = 0.9  # of it, by the planes of a face, that settle how the part moves
     least_told: float = 0.25  # and of the frames in which it changed, by those with a state

@@ -1,9 +1,9 @@
 """From the motion that depth alone shows to all kinds: surfaces registered from there.
 
 The association of surfaces serves all kinds, but it starts from the joint of one: on a curved lid
-a slide finds the same patches as a hinge. Where next to no point could be followed, the rival of
-the kind that was found therefore gets a start of its own, from where the first fit left it; two
-kinds that explain what changed about as well name none.
+a slide finds the same patches as a hinge. Where next to no point could be followed, and the planes
+of a flat face do not settle it, the rival of the kind that was found therefore gets a start of its
+own, from where the first fit left it; two kinds that explain what changed about as well name none.
 """
 
 from __future__ import annotations
@@ -88,7 +88,7 @@ def by_change_in_steps(
     used = np.flatnonzero(moving) if enough else np.zeros(0, dtype=int)
     start = _Start(recording, observed, used, change, settings, knowledge)
     answer = yield from _answer_from(start, guess, change.known[0])
-    if used.size < perception.rig.least_tracks:
+    if used.size < perception.rig.least_tracks and not _faces_agree(answer, change, perception):
         answer = yield from _against_its_rival(start, answer)
     log.info("%s: the answer explains %.2f of the change", recording.name, answer.share)
     fitted = _silenced_where_little_is_told(answer, change, perception)
@@ -141,6 +141,12 @@ def _answer_from(start: _Start, guess: JointGuess, known: BoolArray) -> Steps[_A
         start.knowledge,
     )
     return _Answer(fitted, share_of_answer(change, fitted, settings.perception))
+
+
+def _faces_agree(answer: _Answer, change: DepthMotion, perception: PerceptionConfig) -> bool:
+    """Whether the planes of the part's face, which no patch has part in, are of the same kind."""
+    alike = change.guesses[0].joint.kind.turns == answer.turns
+    return bool(alike and change.explained[0] >= perception.faces_suffice)
 
 
 def _against_its_rival(start: _Start, answer: _Answer) -> Steps[_Answer]:

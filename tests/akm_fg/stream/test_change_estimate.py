@@ -78,6 +78,18 @@ def test_a_kind_that_is_found_from_both_starts_stands(monkeypatch, posteriors):
     assert named(monkeypatch, posteriors, *pair) == "revolute"
 
 
+def test_planes_of_a_face_that_explain_the_change_settle_how_the_part_moves(posteriors):
+    answer = change_estimate._Answer(SimpleFitted(posteriors["revolute"]), 0.9)  # type: ignore
+    for kind, explained, settled in (
+        (JointKind.REVOLUTE, 0.95, True),
+        (JointKind.REVOLUTE, 0.7, False),
+        (JointKind.PRISMATIC, 0.95, False),
+    ):
+        guess = JointGuess(Joint(kind, np.eye(4), 0.0), np.zeros(2))
+        change: Any = SimpleNamespace(guesses=(guess,), explained=(explained,))
+        assert change_estimate._faces_agree(answer, change, PerceptionConfig()) is settled
+
+
 def plate_comes_nearer(way_m: list[float]) -> DepthChange:
     """A plate before a wall, so much nearer in every frame."""
     rgb, frames = np.zeros((120, 160, 3), np.uint8), []
