@@ -15,6 +15,7 @@ from akm_fg.perception.change.depth_change import DepthChange, depth_change
 from akm_fg.perception.change.depth_motion import DepthMotion
 from akm_fg.perception.config import PerceptionConfig
 from akm_fg.perception.depth.depth_noise import DepthNoiseModel
+from akm_fg.perception.surface.changed_surface import ChangedSurface
 from akm_fg.posterior import ArticulationPosterior
 from akm_fg.records import PinholeCamera, Recording, RgbdFrame
 from akm_fg.stages import ModelSettings
@@ -90,6 +91,21 @@ def test_planes_of_a_face_that_explain_the_change_settle_how_the_part_moves(post
         assert change_estimate._faces_agree(answer, change, PerceptionConfig()) is settled
 
 
+@pytest.mark.parametrize(("states", "kind"), [(2, "undecided"), (5, "revolute")])
+def test_a_part_that_is_found_in_few_of_the_frames_that_change_is_not_named(
+    posteriors, states: int, kind: str
+):
+    """Depth changes in 20 frames, of which a quarter is asked for."""
+    whole = posteriors["revolute"]
+    mean = whole.best.states.mean.copy()
+    mean[states:] = np.nan
+    fitted = SimpleFitted(whole.with_states(mean, np.where(np.isnan(mean), np.nan, 0.01)))
+    change: Any = SimpleNamespace(change=SimpleNamespace(nearer=np.ones((mean.size, 1, 1)) > 0))
+    answer = change_estimate._Answer(fitted, 0.9)  # type: ignore
+    found = change_estimate._silenced_where_little_is_told(answer, change, PerceptionConfig())
+    assert found.posterior.kind == kind
+
+
 def plate_comes_nearer(way_m: list[float]) -> DepthChange:
     """A plate before a wall, so much nearer in every frame."""
     rgb, frames = np.zeros((120, 160, 3), np.uint8), []
@@ -99,6 +115,12 @@ def plate_comes_nearer(way_m: list[float]) -> DepthChange:
         frames.append(RgbdFrame(float(i), rgb, depth, CAMERA, gtsam.Pose3()))
     whole = np.ones((120, 160), bool)
     return to_end(depth_change(Recording("x", tuple(frames)), whole, DepthNoiseModel()))
+
+
+def test_views_of_a_changed_surface_know_that_it_came_nearer():
+    change, still = plate_comes_nearer([0.0, 0.1, 0.2]), np.tile(np.eye(3), (3, 1, 1))
+    steps = ChangedSurface(change).views((0, 1, 2), still, np.zeros((3, 3)), np.ones(3) > 0)
+    assert to_end(steps).came_nearer
 
 
 def test_what_an_answer_explains_is_judged_from_frame_0_also_where_it_has_no_state_there():

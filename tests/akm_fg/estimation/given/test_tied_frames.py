@@ -84,6 +84,7 @@ def test_a_part_may_go_far_and_on_or_come_back_a_little():
     q[-1] = q[-2] - 0.2
     assert not off_the_path(q).any()
     assert not off_the_path(np.append(q[:-1], 4.0)).any()
+    assert not off_the_path(np.array([0.0, 0.1, 0.2, 2.0, 4.0, 4.1, 4.2, 4.3])).any()
 
 
 def test_tracks_of_frames_that_are_left_out_are_left_out_with_them():
