@@ -6,6 +6,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Protocol
 
+from akm_fg.calibration.depth_from_arm import DepthFromArmConfig
 from akm_fg.cli.config_argument import chosen_config
 from akm_fg.config import AkmConfig
 from sim.camera.camera import CameraConfig
@@ -24,6 +25,7 @@ class SimulatorConfig:
     camera: CameraConfig = field(default_factory=CameraConfig)
     view: ViewConfig = field(default_factory=ViewConfig)
     rig: RigErrors = PERFECT
+    depth_from_arm: DepthFromArmConfig = field(default_factory=DepthFromArmConfig)
 
 
 @dataclass(frozen=True, slots=True)

@@ -5,7 +5,8 @@ from __future__ import annotations
 import dataclasses
 import sys
 import time
-from contextlib import AbstractContextManager
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -13,6 +14,8 @@ import numpy as np
 
 from akm_fg import __version__
 from akm_fg.arm.body.limits import MotionRecorder
+from akm_fg.arm.body.surface import ArmSurface
+from akm_fg.calibration.depth_from_arm import DepthFromArmConfig, depth_from_arm
 from akm_fg.cli.demo_config import DemoConfig, SimulatorConfig
 from akm_fg.cli.exploring.outcome import fitted_recording
 from akm_fg.cli.object_argument import ObjectArgument
@@ -171,15 +174,19 @@ def run_in_simulator(request: RunRequest, observer: Observer | None = None) -> S
     return SimulatedRun(_summary(request, name, episode, measured), fitted, interrupted)
 
 
+@contextmanager
 def opened_world(
     thing: ObjectArgument,
     seed: int,
     sim: SimulatorConfig,
     placement: PlacementMode = "reachable",
     locked: bool = False,
-) -> AbstractContextManager[SimEpisode]:
-    """The world of an object as the settings have it; see `sim.episode.open_world`."""
-    return open_world(
+) -> Iterator[SimEpisode]:
+    """The world of an object as the settings have it; see `sim.episode.open_world`.
+
+    Where the camera errs, its depth is corrected by what it measures of the arm.
+    """
+    with open_world(
         thing.name,
         seed,
         joint=thing.joint,
@@ -191,7 +198,22 @@ def opened_world(
         rig=sim.rig,
         placement=placement,
         locked=locked,
-    )
+    ) as world:
+        yield _with_corrected_depth(world, sim.depth_from_arm)
+
+
+def _with_corrected_depth(world: SimEpisode, config: DepthFromArmConfig) -> SimEpisode:
+    if world.calibration is None:
+        return world
+    surface = ArmSurface(world.world.arm_description)
+    q, fingers_m = world.arm.measured_joints()[0], world.arm.gripper.opening_m() / 2.0
+    frame = world.camera.measured()
+    correction = depth_from_arm(frame, surface, q, fingers_m, world.calibration, config)
+    if correction is None:
+        return world
+    print(correction.words(), file=sys.stderr, flush=True)
+    world.camera.correct_depth(correction)
+    return dataclasses.replace(world, calibration=correction.left(world.calibration))
 
 
 @dataclass(frozen=True, slots=True)

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from akm_fg.arm.body.description import ArmDescription
 from akm_fg.arm.body.model import N_ARM
+from akm_fg.calibration.depth_from_arm import DepthCorrection
 from akm_fg.records import RgbdFrame
 from sim.bullet import connect, load_urdf, p
 from sim.camera.materials import MATT, specular_of
@@ -131,6 +132,7 @@ class SimCamera:
         name = self.renderer.name
         true = rendered_intrinsics(c.width, c.height, c.focal_px, name)
         self.intrinsics = self._errors.believed_camera(true)
+        self._correction: DepthCorrection | None = None
         self._world = world
         self._sensor = NoisySensor(c.noise, true, np.random.default_rng([seed, 11]))
         self._robot_client = connect()
@@ -151,11 +153,18 @@ class SimCamera:
 
     def capture(self) -> RgbdFrame:
         """The scene now, with noise; pixels that show the robot carry no depth."""
-        surface, exact = self._exact()
-        depth = self._errors.measured_depth(self._sensor.depth(exact, surface))
+        frame = self.measured()
+        if self._correction is not None:
+            frame = self._correction.corrected(frame)
         robot = self.robot_depth()
         # A hole in front of the robot stays a hole; NaN compares False.
-        depth = np.where(robot - self.config.mask_slack_m <= depth, np.nan, depth)
+        hidden = robot - self.config.mask_slack_m <= frame.depth_m
+        return replace(frame, depth_m=np.where(hidden, np.float32(np.nan), frame.depth_m))
+
+    def measured(self) -> RgbdFrame:
+        """The scene now, with noise, as it is measured: the robot in it, and no correction."""
+        surface, exact = self._exact()
+        depth = self._errors.measured_depth(self._sensor.depth(exact, surface))
         stamp_s = self._world.time_s
         return RgbdFrame(
             stamp_s=stamp_s,
@@ -164,6 +173,10 @@ class SimCamera:
             camera=self.intrinsics,
             T_world_cam=self.T_world_cam,
         )
+
+    def correct_depth(self, correction: DepthCorrection) -> None:
+        """From now on, what is captured is corrected so."""
+        self._correction = correction
 
     def exact(self) -> tuple[NDArray[np.uint8], DepthImage]:
         """RGB (H, W, 3) and depth (H, W) before noise and masking."""

@@ -1,4 +1,4 @@
-"""The arm as pinocchio reads it from its description: joints, links, collision meshes.
+"""The arm as pinocchio reads it from its description: joints, links, meshes.
 
 What does not fit is refused here, in one line, so that everything built on it may rely on the
 order of joints and links.
@@ -50,21 +50,37 @@ def read_meshes(description: ArmDescription, model: pin.Model) -> pin.GeometryMo
     Raises:
         InputError: a mesh cannot be read, or a link has none or several.
     """
-    urdf = description.urdf
-    folders = [str(folder) for folder in description.folders]
-    try:
-        meshes = pin.buildGeomFromUrdf(
-            model, str(urdf), pin.GeometryType.COLLISION, package_dirs=folders
-        )
-    except (ValueError, RuntimeError) as error:
-        raise InputError(urdf, _one_line(error), f"its meshes in {' or '.join(folders)}") from error
+    meshes = _geometry(description, model, pin.GeometryType.COLLISION)
     links = [model.frames[shape.parentFrame].name for shape in meshes.geometryObjects]
     if tuple(links) != ROBOT_LINKS:
         raise InputError(
-            urdf,
+            description.urdf,
             f"its collision shapes belong to {', '.join(links) or 'nothing'}",
             f"one for each of {', '.join(ROBOT_LINKS)}",
         )
+    return meshes
+
+
+def read_drawn_meshes(description: ArmDescription, model: pin.Model) -> pin.GeometryModel:
+    """The meshes the robot is drawn by, of all links that have some.
+
+    Raises:
+        InputError: a mesh cannot be read, or there is none.
+    """
+    meshes = _geometry(description, model, pin.GeometryType.VISUAL)
+    if not len(meshes.geometryObjects):
+        raise InputError(description.urdf, "it has no visual shapes", "meshes")
+    return meshes
+
+
+def _geometry(
+    description: ArmDescription, model: pin.Model, kind: pin.GeometryType
+) -> pin.GeometryModel:
+    urdf, folders = description.urdf, [str(folder) for folder in description.folders]
+    try:
+        meshes = pin.buildGeomFromUrdf(model, str(urdf), kind, package_dirs=folders)
+    except (ValueError, RuntimeError) as error:
+        raise InputError(urdf, _one_line(error), f"its meshes in {' or '.join(folders)}") from error
     for shape in meshes.geometryObjects:
         if not hasattr(shape.geometry, "vertices"):
             raise InputError(urdf, f"the shape of {shape.name} is no mesh", "meshes")

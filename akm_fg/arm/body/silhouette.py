@@ -65,7 +65,7 @@ class ArmSilhouette:
         self._model = read_model(description)
         self._meshes = read_meshes(description, self._model)
         self._data, self._places = self._model.createData(), self._meshes.createData()
-        self._parts = [_triangles(shape) for shape in self._meshes.geometryObjects]
+        self._parts = [mesh_triangles(shape) for shape in self._meshes.geometryObjects]
 
     def depth(
         self, q: FloatArray, fingers_m: float, camera: PinholeCamera, T_world_cam: gtsam.Pose3
@@ -169,7 +169,7 @@ class ArmSilhouette:
         return int(np.ceil(c.margin_px + focal_px * c.margin_m / max(depth_m, c.nearest_m)))
 
 
-def _triangles(shape: pin.GeometryObject) -> tuple[FloatArray, NDArray[np.uint32]]:
+def mesh_triangles(shape: pin.GeometryObject) -> tuple[FloatArray, NDArray[np.uint32]]:
     """Corners (K, 3) and triangles (F, 3) of a link's mesh, in the frame of its shape.
 
     Read once more from its file: of an OBJ file with several materials, such as link 6, coal 3.0.3

@@ -69,9 +69,13 @@ def looked_along(
     """(3,) unit: how a camera at `eye_world` (3,) looks at a grasp, within an angle of its z.
 
     Depth errs along the look: who goes on this way meets what was seen wherever it is, with the
-    fingers on either side of it. Without an eye it is the gripper's z.
+    fingers on either side of it. A look farther from z than that is across the hand: what it errs
+    along y the open fingers take up, and only by coming along their own z are they still on either
+    side of it; to come from nearer the camera would set the far finger before the board whose edge
+    it is to reach behind. Without an eye it is the gripper's z.
     """
-    z = T_world_grasp.rotation().matrix()[:, 2]
+    R = T_world_grasp.rotation().matrix()
+    y, z = R[:, 1], R[:, 2]
     if eye_world is None:
         return np.asarray(z)
     look = T_world_grasp.translation() - eye_world
@@ -79,7 +83,10 @@ def looked_along(
     across = look - along * z
     wide = float(np.linalg.norm(across))
     if np.arctan2(wide, along) > most_rad:
-        look = z + np.tan(most_rad) * across / wide
+        across = across - (across @ y) * y
+        wide = float(np.linalg.norm(across))
+        slope = min(wide / max(along, 1e-9), np.tan(most_rad)) if wide > 0.0 else 0.0
+        look = z + slope * across / max(wide, 1e-9)
     return np.asarray(look / np.linalg.norm(look))
 
 

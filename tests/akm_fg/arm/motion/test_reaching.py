@@ -185,10 +185,16 @@ def test_the_way_of_feeling_is_the_cameras_look_no_farther_aslant_than_fingers_m
     np.testing.assert_allclose(
         looked_along(T_world_grasp, beside, 0.6), [np.cos(0.3), np.sin(0.3), 0.0], atol=1e-12
     )
+    above = np.array([0.6 - np.cos(0.3), 0.0, 0.5 + np.sin(0.3)])  # along the gripper's x
     np.testing.assert_allclose(
-        looked_along(T_world_grasp, beside, 0.1), [np.cos(0.1), np.sin(0.1), 0.0], atol=1e-12
+        looked_along(T_world_grasp, above, 0.1), [np.cos(0.1), 0.0, -np.sin(0.1)], atol=1e-12
     )
-    for eye, most_rad in ((None, 0.6), (beside, 0.0)):
+    # Farther aslant than allowed and along the fingers' opening: these take up what depth errs.
+    both, off = above + beside - T_world_grasp.translation(), np.arctan(np.tan(0.3) / 2)
+    np.testing.assert_allclose(
+        looked_along(T_world_grasp, both, 0.2), [np.cos(off), 0.0, -np.sin(off)], atol=1e-12
+    )
+    for eye, most_rad in ((None, 0.6), (beside, 0.0), (beside, 0.1)):
         np.testing.assert_allclose(
             looked_along(T_world_grasp, eye, most_rad), [1.0, 0.0, 0.0], atol=1e-12
         )
