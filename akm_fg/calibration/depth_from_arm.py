@@ -122,7 +122,7 @@ def depth_from_arm(
     cells = _cells(frame, seen, config)
     if len(cells.z) < config.least_cells:
         return None
-    A, prior = _linear(cells, surface, frame.T_world_cam, errors, config)
+    A, prior = _linear(cells, surface, frame.T_world_cam, frame.camera.fx, errors, config)
     fitted = _least_squares(A, cells.expected - cells.z, prior, config)
     if fitted is None:
         return None
@@ -172,6 +172,7 @@ def _linear(
     cells: _Cells,
     surface: ArmSurface,
     T_world_cam: gtsam.Pose3,
+    fx_px: float,
     errors: CalibrationErrors,
     config: DepthFromArmConfig,
 ) -> tuple[FloatArray, FloatArray]:
@@ -198,6 +199,8 @@ def _linear(
     prior[0, 0], prior[1, 1] = errors.depth_scale_sd**2, errors.depth_bias_sd_m**2
     prior[2:8, 2:8] = errors.cov_world_cam
     prior[8, 8] = errors.focal_sd**2
+    if errors.cov_intrinsics is not None:
+        prior[8, 8] += errors.cov_intrinsics[0, 0] / fx_px**2
     rest = np.arange(9, len(prior))
     prior[rest, rest] = [config.joint_sd_rad**2] * N_ARM + [config.mesh_sd_m**2] * len(links)
     return A, prior

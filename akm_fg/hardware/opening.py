@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+from akm_fg.calibration.depth_from_arm import DepthCorrection, DepthFromArmConfig
 from akm_fg.hardware.franka.arm import FrankaArm
 from akm_fg.hardware.franka.config import FrankaArmConfig
 from akm_fg.hardware.franka.dry_run import DryRunArm
@@ -25,6 +26,7 @@ class HardwareConfig:
     arm: FrankaArmConfig = field(default_factory=FrankaArmConfig)
     camera: RealSenseConfig = field(default_factory=RealSenseConfig)
     depth: DepthErrors = field(default_factory=DepthErrors)
+    depth_from_arm: DepthFromArmConfig = field(default_factory=DepthFromArmConfig)
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,11 +46,13 @@ class HardwareRig:
     arm: FrankaArm | DryRunArm
     camera: RealSenseCamera
     mounted: MountedCamera
+    correction: DepthCorrection | None = None  # of the camera's depth, where it sees the arm
 
     @property
     def calibration(self) -> CalibrationErrors:
         """What is not known of the camera."""
-        return self.mounted.errors
+        errors = self.mounted.errors
+        return errors if self.correction is None else self.correction.left(errors)
 
 
 @contextmanager
@@ -60,6 +64,8 @@ def open_hardware(
     device: Any = None,
 ) -> Iterator[HardwareRig]:
     """Opens camera and arm, and closes them again; the arm is left at rest.
+
+    What the camera's depth is off where it sees the arm is corrected.
 
     Args:
         request: which.
@@ -83,4 +89,12 @@ def open_hardware(
         else:
             arm = stack.enter_context(FrankaArm(request.robot, planner))
         camera = RealSenseCamera(mounted, arm.masked, config.camera, device)
-        yield HardwareRig(arm, stack.enter_context(camera), mounted)
+        stack.enter_context(camera)
+        correction = None
+        if isinstance(arm, FrankaArm):  # where a dry run's stands is not known
+            correction = arm.depth_correction(
+                camera.measured(), mounted.errors, config.depth_from_arm
+            )
+        if correction is not None:
+            camera.correct_depth(correction)
+        yield HardwareRig(arm, camera, mounted, correction)

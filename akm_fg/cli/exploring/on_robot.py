@@ -73,6 +73,8 @@ def explore_on_robot(request: RobotRequest, device: Any = None) -> Explored:
             keep,
         )  # fmt: skip
         recorder = Recorder(request.folder, rig.calibration, keep)
+        if rig.correction is not None:
+            recorder.stage(rig.correction.words())
         try:
             explore(rig.arm, rig.camera, explorer, exploration, recorder)
         except KeyboardInterrupt:

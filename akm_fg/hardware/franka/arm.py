@@ -14,10 +14,16 @@ import gtsam
 import numpy as np
 
 from akm_fg.arm.body.kinematics import FrankaKinematics
+from akm_fg.arm.body.surface import ArmSurface
 from akm_fg.arm.motion.pulling import Pull
 from akm_fg.arm.motion.reaching import standoff
 from akm_fg.arm.motion.reference import pose_reference
 from akm_fg.arm.motion.tracking import PathTracker
+from akm_fg.calibration.depth_from_arm import (
+    DepthCorrection,
+    DepthFromArmConfig,
+    depth_from_arm,
+)
 from akm_fg.errors import ArmStopped, GraspFailed
 from akm_fg.hardware.franka.compliance import SpringOfWrench
 from akm_fg.hardware.franka.control import HandControl
@@ -26,7 +32,7 @@ from akm_fg.hardware.franka.hand_frame import checked_hand
 from akm_fg.hardware.franka.legs import leg_limits
 from akm_fg.hardware.franka.link import FrankaLink
 from akm_fg.hardware.franka.planning import ArmPlanner
-from akm_fg.records import FloatArray, RgbdFrame, TimedPath
+from akm_fg.records import CalibrationErrors, FloatArray, RgbdFrame, TimedPath
 
 
 class FrankaArm:
@@ -99,6 +105,14 @@ class FrankaArm:
         """The frame without this arm, which is where it was when the frame was taken."""
         q = self.measured_joints()[0]
         return self._planner.silhouette.masked(frame, q, self._link.fingers_m() / 2.0)
+
+    def depth_correction(
+        self, frame: RgbdFrame, errors: CalibrationErrors, config: DepthFromArmConfig
+    ) -> DepthCorrection | None:
+        """How depth is off where a frame that was just taken shows this arm; see there."""
+        surface = ArmSurface(self._planner.description)
+        q, fingers_m = self.measured_joints()[0], self._link.fingers_m() / 2.0
+        return depth_from_arm(frame, surface, q, fingers_m, errors, config)
 
     def holding(self) -> bool:
         """Whether something is between the closed fingers."""

@@ -6,6 +6,7 @@ from collections.abc import Callable
 from types import TracebackType
 from typing import Any
 
+from akm_fg.calibration.depth_from_arm import DepthCorrection
 from akm_fg.errors import CameraFailed
 from akm_fg.hardware.mounted_camera import MountedCamera
 from akm_fg.hardware.realsense.config import RealSenseConfig
@@ -38,6 +39,7 @@ class RealSenseCamera:
             MissingDependency: `pyrealsense2` is not installed.
         """
         self.mounted, self._without_robot = mounted, without_robot
+        self._correction: DepthCorrection | None = None
         camera = mounted.lens.camera
         self._streams = RealSenseStreams((camera.width, camera.height), config, device)
 
@@ -77,15 +79,29 @@ class RealSenseCamera:
         Raises:
             CameraFailed: none comes.
         """
+        frame = self.measured()
+        if self._correction is not None:
+            frame = self._correction.corrected(frame)
+        return frame if self._without_robot is None else self._without_robot(frame)
+
+    def correct_depth(self, correction: DepthCorrection) -> None:
+        """From now on, what is captured is corrected so."""
+        self._correction = correction
+
+    def measured(self) -> RgbdFrame:
+        """As `capture`, with the robot in it and depth as the camera measures it.
+
+        Raises:
+            CameraFailed: none comes.
+        """
         pair, registration = self._streams.next_pair(), self._registration
-        frame = RgbdFrame(
+        return RgbdFrame(
             stamp_s=pair.stamp_s,
             rgb=registration.colour(pair.rgb),
             depth_m=registration.depth(pair.depth_m),
             camera=registration.camera,
             T_world_cam=self.mounted.T_world_cam,
         )
-        return frame if self._without_robot is None else self._without_robot(frame)
 
     def _compare(self) -> None:
         """The calibrated lens with the one that the device was made with.

@@ -16,9 +16,11 @@ import gtsam
 import numpy as np
 import pytest
 
+from akm_fg.arm.body.surface import ArmSurface
 from akm_fg.cli.exploring.explore import ExploreArguments
 from akm_fg.cli.exploring.kept import RESULT
 from akm_fg.cli.main import main
+from akm_fg.records import PinholeCamera
 from tests.akm_fg.hardware.calibration_file import write_calibration
 from tests.akm_fg.hardware.software_realsense import SoftwareRealSense
 
@@ -111,6 +113,32 @@ def test_a_robot_looks_plans_and_tries(scene, lonely_counterpart, monkeypatch, c
         assert attempt["outcome"] in ("refused", "grasp_lost")
     assert (folder / "report.html").exists()
     assert np.abs(np.array(lonely_counterpart.ask("angles")) - HOME).max() > 0.1  # it has moved
+
+
+@pytest.mark.slow
+@pytest.mark.hardware
+def test_what_depth_is_off_is_told_by_the_arm_that_the_camera_sees(
+    tmp_path, lonely_counterpart, monkeypatch
+):
+    """Pictures of the arm where it stands, whose depth is 1.5 % short."""
+    pytest.importorskip("pyrealsense2")
+    from akm_fg.hardware.opening import HardwareRequest, open_hardware
+
+    camera = PinholeCamera(640, 480, 425.0, 425.0, 319.5, 239.5)
+    R = gtsam.Rot3(np.array([[0.0, -0.5, 0.8660254], [-1.0, 0.0, 0.0], [0.0, -0.8660254, -0.5]]))
+    T_world_cam = gtsam.Pose3(R, np.array([-0.5, 0.0, 1.0]))
+    seen = ArmSurface().seen(HOME, 0.04, camera, T_world_cam).depth_m
+    depth_mm = np.where(np.isfinite(seen), 1000.0 * seen / 1.015, 0.0).round().astype(np.uint16)
+    rgb = np.zeros((480, 640, 3), dtype=np.uint8)
+    path = write_calibration(tmp_path / "rig.json", camera, T_world_cam)
+    request = HardwareRequest(lonely_counterpart.host, path)
+    with (
+        SoftwareRealSense(lambda number: (rgb, depth_mm), camera, camera) as real,
+        open_hardware(request, tell=print, device=real.device) as rig,
+    ):
+        assert rig.correction is not None
+        assert rig.correction.scale == pytest.approx(0.015, abs=0.003)
+        assert rig.calibration.depth_scale_sd < rig.mounted.errors.depth_scale_sd / 3
 
 
 @pytest.mark.slow

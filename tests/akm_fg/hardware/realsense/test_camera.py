@@ -10,6 +10,7 @@ import gtsam
 import numpy as np
 import pytest
 
+from akm_fg.calibration.depth_from_arm import DepthCorrection
 from akm_fg.errors import CameraFailed, InputError, MissingDependency
 from akm_fg.hardware.mounted_camera import read_mounted_camera
 from akm_fg.hardware.realsense.camera import RealSenseCamera
@@ -99,6 +100,25 @@ def test_the_robot_is_taken_out_of_every_frame(mounted):
         depth_m = camera.capture().depth_m
     assert np.isnan(depth_m[:, :80]).all()
     assert np.isfinite(depth_m[60, 80:]).all()
+
+
+@needs_library
+def test_a_correction_of_depth_is_made_before_the_robot_is_taken_out(mounted):
+    def farther_than_2m(frame):
+        return replace(frame, depth_m=np.where(frame.depth_m > 2.0, np.nan, frame.depth_m))
+
+    with (
+        SoftwareRealSense(step, COLOUR, DEPTH) as real,
+        RealSenseCamera(mounted, farther_than_2m, PATIENT, real.device) as camera,
+    ):
+        before = camera.capture().depth_m
+        camera.correct_depth(DepthCorrection(0.01, 0.002, np.eye(2), 40))
+        measured, after = camera.measured().depth_m, camera.capture().depth_m
+    assert np.nanmax(before) == pytest.approx(2.0, abs=1e-3)
+    assert np.nanmax(measured) == pytest.approx(2.0, abs=1e-3)  # as it comes
+    near = np.abs(before - 1.0) < 1e-3
+    np.testing.assert_allclose(after[near], 1.01 * before[near] + 0.002, rtol=1e-5)
+    assert np.nanmax(after) < 2.0  # the wall, by its corrected depth
 
 
 @needs_library
