@@ -14,6 +14,7 @@ from akm_fg.cli.console.lines import console
 from akm_fg.cli.exit_codes import DONE
 from akm_fg.cli.output import json_output, write_line
 from akm_fg.errors import InputError
+from akm_fg.report.wording import printable
 
 if TYPE_CHECKING:
     from akm_fg.calibration.records import (
@@ -117,7 +118,8 @@ def _simulate(arguments: CalibrateArguments, out: Path) -> int:
     if arguments.folder is not None:
         raise InputError("--simulate", "goes without a recording to read", "one of the two")
     write_simulated_board(out, arguments.views, arguments.noise, arguments.seed)
-    print(f"{arguments.views} views of a board in {out}; next: akm-fg calibrate {out}")
+    place = printable(str(out))
+    print(f"{arguments.views} views of a board in {place}; next: akm-fg calibrate {place}")
     return DONE
 
 

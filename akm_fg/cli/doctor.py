@@ -189,9 +189,11 @@ def _rig(arguments: DoctorArguments) -> list[RigCheck]:
 
 
 def _print_rig(rig: Sequence[RigCheck]) -> None:
+    from akm_fg.report.wording import printable
+
     out = console()
     for check in rig:
-        line = f"{check.state:8s} {check.name}: {check.words}"
+        line = printable(f"{check.state:8s} {check.name}: {check.words}")
         out.print(line, markup=False, soft_wrap=True, highlight=False)
 
 

@@ -111,16 +111,18 @@ def parse_object(
     check_scale(scale)
     place = text.removeprefix(PREFIX).partition(JOINT_MARK)[0]
     try:
-        found, is_file = Path(place).exists(), Path(place).is_file()
+        found, is_folder = Path(place).exists(), Path(place).is_dir()
     except (OSError, ValueError) as error:
         raise InputError("--object", f"{text!r} is not a usable path", WHAT) from error
     if not place or not found:
         raise InputError("--object", f"{text!r} is no suite's object, file or folder", WHAT)
-    if is_file and place.lower().endswith(".xacro"):
+    if not is_folder and place.lower().endswith(".xacro"):
         told = f"{text!r} is a xacro file"
         raise InputError("--object", told, "a URDF: run `xacro FILE > object.urdf` first")
-    if is_file and not place.lower().endswith(".urdf"):
+    if not is_folder and not place.lower().endswith(".urdf"):
         raise InputError("--object", f"{text!r} does not end in .urdf", WHAT)
+    if not is_folder and not Path(place).is_file():
+        raise InputError("--object", f"{text!r} is not a regular file", WHAT)
     return ObjectArgument(text, joint, ours=False, scale=scale, allowed=allowed)
 
 

@@ -354,25 +354,30 @@ def _parts_truth(explored: Explored) -> dict[str, Any]:
 
 
 def _print(request: ExploreRequest | RobotRequest, explored: Explored) -> None:
-    from rich.console import Console
+    from akm_fg.cli.console.lines import console
+    from akm_fg.report.wording import printable
 
-    console = Console()
+    out = console()
+
+    def say(text: str) -> None:
+        lines = "\n".join(map(printable, text.splitlines()))
+        out.print(lines, soft_wrap=True, markup=False, highlight=False)
+
     exploration = explored.exploration
     words = f"{exploration.pulls} pulls of {len(exploration.attempts)} tries"
     if explored.planned:
-        console.print(exploration.failure, soft_wrap=True)
+        say(str(exploration.failure))
     elif exploration.opened:
         last = next(a for a in reversed(exploration.attempts) if a.outcome == "opened")
-        console.print(f"opened: {last.reason} ({words})", soft_wrap=True)
+        say(f"opened: {last.reason} ({words})")
     if exploration.failure is not None and not explored.planned:
         said = "short of it" if exploration.opened else "not opened"
-        console.print(f"{said}: {exploration.failure}", soft_wrap=True)
+        say(f"{said}: {exploration.failure}")
     if exploration.model is not None:
         for part in exploration.model.parts:
-            summary = part.posterior.summary()
-            console.print(f"{part.name}: {summary}", soft_wrap=True, highlight=False)
+            say(f"{part.name}: {part.posterior.summary()}")
     elif exploration.fit is not None:
-        console.print(exploration.fit.posterior.summary(), soft_wrap=True, highlight=False)
+        say(exploration.fit.posterior.summary())
     report = request.folder / "report.html"
     if report.exists():
-        console.print(f"report: {report}", soft_wrap=True)
+        say(f"report: {report}")

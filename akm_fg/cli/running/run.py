@@ -200,7 +200,7 @@ def _print(request: ManipulateRequest, ran: Ran, report: Path | None) -> None:
             if last is not None and last.mean is not None:
                 at = state(last.mean - part.closed_state, part.joint.kind.unit)
                 line += f"; last known {at}"
-        out.print(line, soft_wrap=True)
+        out.print(line, soft_wrap=True, markup=False)
     words = f"{run.rounds} moves, {run.clear_looks} looks, {run.regrasps} regrasps"
     if ran.reached:
         p = f"within tolerance with probability {run.probability:.3f}"

@@ -1,8 +1,12 @@
 """What an exploration leaves where its last looks have no states."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
+from akm_fg.cli.exploring.explore import _print
+from akm_fg.cli.exploring.kept import Explored
 from akm_fg.cli.exploring.outcome import closed_at, last_recording, solved_frames
 from akm_fg.config import AkmConfig
 from akm_fg.exploration.records import Exploration
@@ -42,3 +46,14 @@ def test_what_had_crept_open_before_is_closed_where_the_first_look_shows_it(requ
     states = model.parts[0].states
     found = closed_at(model, clip.frames[5], AkmConfig())
     assert found == pytest.approx(states.mean[5], abs=4 * states.sd[5] + 0.004)
+
+
+def test_what_is_said_at_the_end_is_text_alone(tmp_path, capfd):
+    folder = tmp_path / "a[red]\x1b[31mb"
+    folder.mkdir()
+    (folder / "report.html").touch()
+    explored = Explored(Exploration(failure="no [/b] front"), folder)
+    _print(SimpleNamespace(folder=folder), explored)
+    said = capfd.readouterr().out
+    assert "not opened: no [/b] front\n" in said
+    assert said.endswith(r"a[red]\x1b[31mb/report.html" + "\n")

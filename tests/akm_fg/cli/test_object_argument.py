@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 
 import numpy as np
@@ -116,6 +117,14 @@ def test_a_file_that_is_no_urdf_is_told(tmp_path, capfd):
     (tmp_path / "chest.urdf").write_text("<robot")
     assert "is not XML" in told(capfd, "--object", str(tmp_path / "chest.urdf"))
     assert "mobility.urdf" in told(capfd, "--object", str(tmp_path))
+
+
+def test_a_file_that_is_no_file_is_told(tmp_path, capfd):
+    os.mkfifo(tmp_path / "pipe.urdf")
+    for place in (tmp_path / "pipe.urdf", Path("/dev/null")):
+        assert main(["explore", "--object", str(place), "--out", str(tmp_path)]) == 2
+        (line,) = capfd.readouterr().err.splitlines()
+        assert ("is not a regular file" if place.suffix else "does not end in .urdf") in line
 
 
 def test_a_joint_is_asked_for_where_several_move(chest: Path, capfd):

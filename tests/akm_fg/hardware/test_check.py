@@ -85,9 +85,10 @@ def test_a_stranger_of_the_same_name_is_a_problem(monkeypatch):
 
 
 def test_doctor_fails_on_a_problem_and_says_it_in_json_too(tmp_path, capfd):
-    asked = {"hardware": True, "calibration": tmp_path / "nowhere.json"}
+    asked = {"hardware": True, "calibration": tmp_path / "now\x1b[31mhere.json"}
     assert doctor(DoctorArguments(**asked), packages=()) == 2
-    assert "problem  calibration: " in capfd.readouterr().out
+    said = capfd.readouterr().out
+    assert "problem  calibration: " in said and "\x1b" not in said and r"now\x1b[31mhere" in said
     assert doctor(DoctorArguments(json="-", **asked), packages=()) == 2
     report = json.loads(capfd.readouterr().out.splitlines()[-1])
     states = {check["name"]: check["state"] for check in report["hardware"]}
