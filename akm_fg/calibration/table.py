@@ -18,8 +18,8 @@ TRUTH_SCHEMA = "akm-fg/board-truth/1"
 
 
 def calibration_table(result: HandEyeCalibration) -> Table:
-    """Every number with its standard deviation."""
-    table = Table("", "value", "standard deviation", title=result.name)
+    """Every number with its standard deviation; without a title."""
+    table = Table("", "value", "standard deviation")
     sds = np.sqrt(np.diag(result.intrinsics_cov))
     c = result.camera
     values = [c.fx, c.fy, c.cx, c.cy, *result.distortion]

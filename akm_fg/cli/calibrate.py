@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
@@ -10,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 import numpy as np
 import tyro
 
-from akm_fg.cli.console.lines import console
+from akm_fg.cli.console.lines import complain, console
 from akm_fg.cli.exit_codes import DONE
 from akm_fg.cli.output import json_output, write_line
 from akm_fg.errors import InputError
@@ -106,7 +105,7 @@ def calibrate(arguments: CalibrateArguments) -> int:
     if arguments.write is not None:
         _write(arguments.write, data, result, config.calibration)
     for warning in result.warnings:
-        print(f"akm-fg: {warning}", file=sys.stderr)
+        complain(warning)
     if arguments.json != "-":
         _print(result, config.calibration, arguments.truth)
     return DONE
@@ -182,7 +181,9 @@ def _print(result: HandEyeCalibration, config: CalibrationConfig, truth: Path | 
     from akm_fg.calibration.table import calibration_table, score_line
 
     out = console()
-    out.print(calibration_table(result))
+    table = calibration_table(result)
+    table.title = printable(result.name)
+    out.print(table)
     seen, corners = len(result.views), sum(len(view.uv) for view in result.views)
     out.print(
         f"{corners} corners in {seen} views, {result.rms_px:.3f} px rms; noise scale of a "

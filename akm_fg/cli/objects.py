@@ -153,7 +153,7 @@ def _print(listing: Listing) -> None:
     slides = sum(spec.kind == "prismatic" for spec in listing.specs)
     turns = len(listing.specs) - slides
     out.print(
-        f"{listing.suite}: {slides} prismatic, {turns} revolute; for {listing.split}",
+        f"{printable(listing.suite)}: {slides} prismatic, {turns} revolute; for {listing.split}",
         soft_wrap=True,
     )
 
@@ -165,11 +165,13 @@ def _table(listing: Listing, wide: bool) -> Table:
 
     table = Table(box=None, padding=(0, 2 if wide else 1, 0, 0))
     longest = max((len(spec.name) for spec in listing.specs), default=0)
-    # A path may be long, and is needed whole.
-    table.add_column("object", overflow="fold", min_width=min(longest, NAME_WIDTH))
-    for title in ("joint", "w x d x h, cm"):
-        table.add_column(title, no_wrap=True)
-    for title in ("handle", "held closed", *(("family", "surface", "split") if wide else ())):
+    # Of one width, because Rich narrows the widest first. What is too long for its column goes on
+    # below: what is cut off would be lost, the end of a path or a unit.
+    width = None if wide else min(longest, NAME_WIDTH)
+    table.add_column("object", overflow="fold", width=width)
+    for title in ("joint", "w x d x h, cm", "handle", "held closed"):
+        table.add_column(title, overflow="fold")
+    for title in ("family", "surface", "split") if wide else ():
         table.add_column(title)
     for spec in listing.specs:
         size = " x ".join(f"{100.0 * side:.0f}" for side in spec.size_m)

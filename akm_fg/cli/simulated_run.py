@@ -16,6 +16,7 @@ from akm_fg import __version__
 from akm_fg.arm.body.limits import MotionRecorder
 from akm_fg.arm.body.surface import ArmSurface
 from akm_fg.calibration.depth_from_arm import DepthFromArmConfig, depth_from_arm
+from akm_fg.cli.console.lines import tell
 from akm_fg.cli.demo_config import DemoConfig, SimulatorConfig
 from akm_fg.cli.exploring.outcome import fitted_recording
 from akm_fg.cli.object_argument import ObjectArgument
@@ -102,9 +103,7 @@ class _Reporter:
         """Say what comes next, and when."""
         if self._observer is not None:
             self._observer.stage(words)
-        start = "\r\033[K" if sys.stderr.isatty() else ""
-        seconds = time.perf_counter() - self._began
-        print(f"{start}{seconds:6.1f} s  {words}", file=sys.stderr, flush=True)
+        tell(words, self._began)
 
     def arm(self) -> ArmRecord:
         """How the arm fared until now."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 import codecs
 import os
 import sys
+import time
 
 from rich.console import Console
 
@@ -38,8 +39,26 @@ def complain(line: str) -> None:
     print(f"{start}akm-fg: {printable(line)}", file=sys.stderr, flush=True)
 
 
+def tell(words: str, began_s: float) -> None:
+    """Say on standard error what comes next, and when, over a line of progress.
+
+    Args:
+        words: of one line.
+        began_s: the command, by `time.perf_counter`.
+    """
+    start = "\r\033[K" if sys.stderr.isatty() else ""
+    seconds = time.perf_counter() - began_s
+    print(f"{start}{seconds:6.1f} s  {printable(words)}", file=sys.stderr, flush=True)
+
+
 class _Output(Console):
-    """Rich would end the program with exit code 1, which says something else here."""
+    """Text alone: names of files and parts may hold what Rich takes for markup or emoji.
+
+    Where a reader leaves, Rich would end the program with exit code 1, which says something else.
+    """
+
+    def __init__(self, width: int | None = None) -> None:
+        super().__init__(width=width, markup=False, emoji=False)
 
     def on_broken_pipe(self) -> None:
         raise BrokenPipeError

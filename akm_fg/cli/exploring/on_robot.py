@@ -18,6 +18,7 @@ from akm_fg.exploration.explore import explore
 from akm_fg.exploration.explore_json import exploration_as_dict
 from akm_fg.exploration.records import Exploration
 from akm_fg.hardware.opening import HardwareConfig, HardwareRequest, open_hardware
+from akm_fg.report.wording import printable
 from akm_fg.stages import Stages
 
 
@@ -94,4 +95,4 @@ def explore_on_robot(request: RobotRequest, device: Any = None) -> Explored:
 
 
 def _tell(words: str) -> None:
-    print(f"would move  {words}", file=sys.stderr, flush=True)
+    print(f"would move  {printable(words)}", file=sys.stderr, flush=True)

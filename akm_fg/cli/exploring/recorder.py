@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import shutil
-import sys
 import time
 from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 
+from akm_fg.cli.console.lines import tell
 from akm_fg.exploration.records import Attempt
 from akm_fg.io.recording_writer import RecordingWriter
 from akm_fg.records import CalibrationErrors, Look, first_hold
@@ -98,5 +98,4 @@ class Recorder:
 
     def stage(self, words: str) -> None:
         """Say what comes next, and when."""
-        seconds = time.perf_counter() - self._began
-        print(f"{seconds:6.1f} s  {words}", file=sys.stderr, flush=True)
+        tell(words, self._began)

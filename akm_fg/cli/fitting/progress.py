@@ -6,6 +6,7 @@ import sys
 import time
 from pathlib import Path
 
+from akm_fg.cli.console.lines import tell
 from akm_fg.report.wording import printable
 
 FRAMES_A_LINE = 50  # where lines stay, because there is no terminal that they can be written over
@@ -46,5 +47,4 @@ class Progress:
         if self._terminal:
             print(f"\r\033[K{line}", end="", file=sys.stderr, flush=True)
         elif self._lines:
-            seconds = time.perf_counter() - self._began
-            print(f"{seconds:6.1f} s  {line}", file=sys.stderr, flush=True)
+            tell(line, self._began)

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import tyro
 
+from akm_fg.cli.console.lines import console
 from akm_fg.cli.exit_codes import DONE, GOAL_NOT_REACHED
 from akm_fg.cli.output import json_output, write_line
 from akm_fg.errors import InputError
@@ -137,13 +138,18 @@ def _of_part(model: ObjectModel, place: int, beliefs: list[StateBelief]) -> dict
 
 
 def _print(model: ObjectModel, number: int, beliefs: list[StateBelief]) -> None:
-    from rich.console import Console
     from rich.table import Table
 
-    from akm_fg.report.wording import state
+    from akm_fg.report.wording import ascii_text, printable, state
 
-    unit = model.parts[number].joint.kind.unit
-    table = Table("frame", "state", "95 % within", "what is known", title=model.parts[number].name)
+    out = console()
+
+    def text(words: str) -> str:
+        return ascii_text(words) if out.options.ascii_only else words
+
+    part = model.parts[number]
+    unit, name = part.joint.kind.unit, text(printable(part.name))
+    table = Table("frame", "state", "95 % within", "what is known", title=name)
     step = max(1, -(-len(beliefs) // MOST_ROWS))
     for k, belief in enumerate(beliefs):
         if k % step and k + 1 < len(beliefs):
@@ -152,8 +158,8 @@ def _print(model: ObjectModel, number: int, beliefs: list[StateBelief]) -> None:
         mean = state(belief.mean, unit) if known else "unknown"  # type: ignore[arg-type]
         bound = state(1.96 * belief.sd, unit) if known else ""  # type: ignore[operator]
         told = belief.reason or ("seen" if belief.seen else "predicted")
-        table.add_row(str(k), mean, bound, f"{belief.mode}: {told}")
-    Console().print(table)
+        table.add_row(str(k), text(mean), text(bound), f"{belief.mode}: {told}")
+    out.print(table)
 
 
 MOST_ROWS = 40  # of the table; of longer recordings every so manieth frame

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import dataclasses
-import sys
 import time
 
 import numpy as np
 
+from akm_fg.cli.console.lines import tell
 from akm_fg.io.recording_writer import RecordingWriter
 from akm_fg.manipulation.records import Decision
 from akm_fg.records import JointTruth, Look, first_hold
@@ -52,8 +52,7 @@ class RunRecorder:
 
     def stage(self, words: str) -> None:
         """Say what comes next, and when."""
-        seconds = time.perf_counter() - self._began
-        print(f"{seconds:6.1f} s  {words}", file=sys.stderr, flush=True)
+        tell(words, self._began)
 
     def truth(self) -> JointTruth | None:
         """The true joint, a state from closed for each look; for scoring alone."""

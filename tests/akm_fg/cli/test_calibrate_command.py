@@ -77,6 +77,13 @@ def test_a_table_a_score_and_a_picture(recording, capfd, tmp_path):
     assert image.shape[0] > 400 and image.std() > 20
 
 
+def test_a_folder_whose_name_looks_like_markup_is_named(recording, capfd, tmp_path):
+    folder = tmp_path / "[red]x"
+    shutil.copytree(recording, folder)
+    assert main(["calibrate", str(folder)]) == 0
+    assert "[red]x" in capfd.readouterr().out
+
+
 def test_the_calibration_goes_into_a_recording(recording, capfd, tmp_path):
     copy = tmp_path / "copy"
     shutil.copytree(recording, copy)

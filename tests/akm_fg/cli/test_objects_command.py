@@ -108,6 +108,19 @@ def test_the_table_names_every_object_and_says_what_the_suite_is_for(capfd, tmp_
     assert max(len(line.rstrip()) for line in printed.splitlines()) <= 80
 
 
+@pytest.mark.parametrize("columns", ["60", "80", "130"])
+def test_no_width_cuts_a_unit_or_a_name_off(columns, capfd, monkeypatch):
+    assert main(["objects", "--json", "-"]) == 0
+    listed = json.loads(capfd.readouterr().out)["objects"]
+    monkeypatch.setenv("COLUMNS", columns)
+    assert main(["objects"]) == 0
+    words = capfd.readouterr().out.split()
+    assert words.count("catch") == sum(o["catch"] is not None for o in listed)
+    assert words.count("closer") == sum(o["closer"] is not None for o in listed)
+    assert words.count("N") + words.count("N,") >= words.count("catch")
+    assert all(o["name"] in words for o in listed)
+
+
 def test_a_wide_terminal_shows_family_surface_and_split_too(capfd, monkeypatch):
     assert main(["objects"]) == 0
     assert "surface" not in capfd.readouterr().out
