@@ -16,7 +16,7 @@ from akm_fg.arm.body.description import ArmDescription, franka_description
 from akm_fg.arm.body.kinematics import Q_MAX, Q_MIN, FrankaKinematics
 from akm_fg.arm.body.silhouette import ArmSilhouette
 from akm_fg.arm.motion.aside import aside
-from akm_fg.arm.motion.free_motion import RrtConnectPlanner
+from akm_fg.arm.motion.free_motion import RrtConnectPlanner, way_out
 from akm_fg.arm.motion.reaching import GraspConfiguration, clear_options, followed
 from akm_fg.arm.motion.reference import within_joint_limits
 from akm_fg.arm.motion.surroundings import KnownScene, Surroundings
@@ -81,11 +81,11 @@ class ArmPlanner:
                 way was found.
         """
         around, possible = self._options(T_world_grasp, onward)
-        planner = RrtConnectPlanner(around.free_motion, self.config.plan)
+        leaving = self._out_of_touch(around, q)
         problem: MotionInfeasible | None = None
         for choice in possible:
             try:
-                waypoints = self.checked(planner.plan(q, choice.q_pregrasp))
+                waypoints = self._way(around, leaving, choice.q_pregrasp)
             except MotionInfeasible as error:
                 problem = problem or error
                 continue
@@ -125,12 +125,15 @@ class ArmPlanner:
         config = self.config
         places = aside(self.silhouette, frame, q, config.aside, unseen)
         around = self.scene.around(T_world_gripper, config.reach.margins_m[0])
-        planner = RrtConnectPlanner(around.free_motion, config.plan)
+        try:
+            leaving = self._out_of_touch(around, q)
+        except MotionInfeasible:
+            return None
         for place in places[: config.aside.tried]:
             if np.abs(place - q).max() < config.rest_rad:
                 return None
             try:
-                return self.checked(planner.plan(q, place))
+                return self._way(around, leaving, place)
             except MotionInfeasible:
                 continue
         return None
@@ -152,12 +155,25 @@ class ArmPlanner:
             raise MotionInfeasible("a pose of the path is beyond this robot's joint limits")
         return slower
 
-    def checked(self, waypoints: FloatArray) -> FloatArray:
-        """The free way (K, 7) itself; the arm stops at every waypoint, so that no corner is cut.
+    def _out_of_touch(self, around: Surroundings, q: FloatArray) -> FloatArray:
+        """Where the arm touches nothing, from joint angles (7,): those alone, or a way (2, 7).
 
         Raises:
-            MotionInfeasible: it leaves this robot's joint limits.
+            MotionInfeasible: no way leads out of what it touches.
         """
+        out = way_out(around.free_motion, q)
+        return q[np.newaxis] if out is None else np.stack([q, out])
+
+    def _way(self, around: Surroundings, leaving: FloatArray, goal: FloatArray) -> FloatArray:
+        """The way (K, 7) to joint angles (7,), after that which leaves what the arm touches.
+
+        The arm stops at every waypoint, so that no corner is cut.
+
+        Raises:
+            MotionInfeasible: no free way was found, or it leaves this robot's joint limits.
+        """
+        planner = RrtConnectPlanner(around.free_motion, self.config.plan)
+        waypoints = np.vstack([leaving[:-1], planner.plan(leaving[-1], goal)])
         if not self._within(*waypoints):
             raise MotionInfeasible("the way to the goal is beyond this robot's joint limits")
         return waypoints

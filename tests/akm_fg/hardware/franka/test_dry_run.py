@@ -72,6 +72,21 @@ def test_a_robot_with_narrower_joints_goes_nowhere_beyond_them():
         planner.grasp(HANDLE, Q_HOME)
 
 
+def test_an_arm_that_stands_folded_into_itself_leaves_by_the_way_out_of_it():
+    folded = np.array([2.561, -1.368, 1.560, -3.011, -1.528, 3.264, -0.869])
+    planner = ArmPlanner(floor_m=-0.5)
+    around = planner.scene.around(HANDLE, 0.0)
+    planned = planner.grasp(HANDLE, folded)
+    np.testing.assert_array_equal(planned.waypoints[0], folded)
+    np.testing.assert_array_equal(planned.waypoints[-1], planned.choice.q_pregrasp)
+    touches = around.free_motion.touched(folded)
+    assert touches is not None
+    for share in np.linspace(0.0, 1.0, 20):  # nothing else is touched on the first leg
+        q = (1.0 - share) * folded + share * planned.waypoints[1]
+        assert around.free_motion.touched(q) in (touches, None)
+    assert around.free_motion.free_along(planned.waypoints[1:], 0.01)
+
+
 def test_nothing_that_moves_an_arm_is_loaded():
     code = (
         "import sys; import akm_fg.hardware.opening; "
