@@ -14,7 +14,7 @@ import gtsam
 import numpy as np
 from numpy.typing import NDArray
 
-from akm_fg.records import BoolArray, FloatArray, RgbdFrame, TimedPath
+from akm_fg.records import BoolArray, FloatArray, HandPath, RgbdFrame
 
 
 class Camera(Protocol):
@@ -99,8 +99,8 @@ class Arm(Protocol):
         """After a motion that was not iterated to its end: come to rest, and let the force fade."""
         ...
 
-    def follow(self, path: TimedPath, tick_s: float) -> Iterator[None]:
-        """Follow a timed path compliantly, and wait until the arm has come to rest.
+    def follow(self, path: HandPath, tick_s: float) -> Iterator[None]:
+        """Follow a path compliantly, and wait until the arm has come to rest.
 
         Raises:
             MotionInfeasible: a pose of the path cannot be reached.

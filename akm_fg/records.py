@@ -253,16 +253,33 @@ class PoseTrack:
 
 
 @dataclass(frozen=True, slots=True)
-class TimedPath:
-    """Gripper poses with the times at which to be there."""
+class WayLimits:
+    """How fast a way is gone along, from rest to rest, in units of the way: 1/s, 1/s^2, 1/s^3."""
 
-    stamps_s: FloatArray  # (N,) from 0, strictly growing
+    speed: float
+    acceleration: float
+    jerk: float
+
+    def __post_init__(self) -> None:
+        numbers = (self.speed, self.acceleration, self.jerk)
+        good = bool(np.isfinite(numbers).all()) and min(numbers) > 0.0
+        _require(good, f"limits {numbers}, expected three positive numbers")
+
+
+@dataclass(frozen=True, slots=True)
+class HandPath:
+    """Gripper poses along a way, and how fast it may be gone: who follows it makes the time law."""
+
+    way: FloatArray  # (N,) from 0, strictly growing: of what the poses follow, rad or m
     T_world_gripper: tuple[gtsam.Pose3, ...]  # N
+    limits: WayLimits
 
     def __post_init__(self) -> None:
         n = len(self.T_world_gripper)
-        _require(self.stamps_s.shape == (n,), f"stamps {self.stamps_s.shape}, expected {(n,)}")
-        _require(bool(np.all(np.diff(self.stamps_s) > 0)), "stamps_s must grow strictly")
+        _require(n > 0, "a path without a pose")
+        _require(self.way.shape == (n,), f"way {self.way.shape}, expected {(n,)}")
+        _require(float(self.way[0]) == 0.0, f"the way begins at {self.way[0]}, expected 0")
+        _require(bool(np.all(np.diff(self.way) > 0)), "the way must grow strictly")
 
 
 @dataclass(frozen=True, slots=True)

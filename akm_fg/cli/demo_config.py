@@ -6,7 +6,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Protocol
 
-from akm_fg.calibration.depth_from_arm import DepthFromArmConfig
+from akm_fg.arm.depth_from_arm import DepthFromArmConfig
 from akm_fg.cli.config_argument import chosen_config
 from akm_fg.config import AkmConfig
 from sim.camera.camera import CameraConfig

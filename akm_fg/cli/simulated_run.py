@@ -15,7 +15,7 @@ import numpy as np
 from akm_fg import __version__
 from akm_fg.arm.body.limits import MotionRecorder
 from akm_fg.arm.body.surface import ArmSurface
-from akm_fg.calibration.depth_from_arm import DepthFromArmConfig, depth_from_arm
+from akm_fg.arm.depth_from_arm import DepthFromArmConfig, depth_from_arm
 from akm_fg.cli.console.lines import tell
 from akm_fg.cli.demo_config import DemoConfig, SimulatorConfig
 from akm_fg.cli.exploring.outcome import fitted_recording

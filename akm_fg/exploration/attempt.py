@@ -24,7 +24,7 @@ from akm_fg.interfaces import Arm, Camera
 from akm_fg.io.recording_depth import as_stored
 from akm_fg.planning.opening_path import plan_opening
 from akm_fg.posterior import JointPosterior
-from akm_fg.records import FloatArray, Look, RgbdFrame, TimedPath
+from akm_fg.records import FloatArray, HandPath, Look, RgbdFrame
 from akm_fg.stages import RecordingFit
 from akm_fg.stream.seen_so_far import Hand
 
@@ -253,7 +253,7 @@ class Trier:
         went = float(np.linalg.norm(self._arm.T_world_gripper().translation() - before))
         return went > self._config.pull.look_m
 
-    def _path_on(self, distance_m: float) -> TimedPath | None:
+    def _path_on(self, distance_m: float) -> HandPath | None:
         """Along the joint with the hand turning along; None as long as the joint is vague."""
         stretches, joint, pull = self._tried.attempt.stretches, self._joint(), self._config.pull
         if not stretches or joint is None or stretches[-1].kind != str(joint.kind):

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from akm_fg.calibration.depth_from_arm import DepthCorrection, DepthFromArmConfig
+from akm_fg.arm.depth_from_arm import DepthCorrection, DepthFromArmConfig
 from akm_fg.hardware.franka.arm import FrankaArm
 from akm_fg.hardware.franka.config import FrankaArmConfig
 from akm_fg.hardware.franka.dry_run import DryRunArm

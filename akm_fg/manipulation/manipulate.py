@@ -14,6 +14,7 @@ from typing import Protocol
 import gtsam
 import numpy as np
 
+from akm_fg.arm.motion.time_law import duration_s
 from akm_fg.closed_loop import probability_within
 from akm_fg.errors import GraspFailed, MotionInfeasible, TracksLost
 from akm_fg.exploration.processor_time import taking
@@ -209,7 +210,7 @@ class Manipulator:
         lever = max(float(np.linalg.norm(joint.velocity(hand.translation()))), 1e-3)
         sent = move.q_end + onward * self._short_m / lever
         path = plan_opening(self._part.joint, hand, q, sent, config.hand)
-        stuck = self._followed(self._arm.follow(path, config.tick_s), float(path.stamps_s[-1]))
+        stuck = self._followed(self._arm.follow(path, config.tick_s), duration_s(path))
         if not self._arm.holding():
             self._hold_otherwise("the grip was lost")
             return

@@ -1,9 +1,9 @@
-"""Hand poses along the joint, timed without jerks.
+"""Hand poses along the joint, and how fast the hand may go along it.
 
 The hand keeps its pose relative to the part: T_world_gripper(q) = M(q) M(q_now)^-1
-T_world_gripper(q_now), with M the joint's motion of the part (factors.joint_motion). The scalar
-state is timed by ruckig from rest to rest; its limits follow from those of the hand through the
-hand's speed per unit of state.
+T_world_gripper(q_now), with M the joint's motion of the part (factors.joint_motion). The way is the
+scalar state; its limits follow from those of the hand through the hand's speed per unit of state.
+When the hand is where is the arm's to say, at its control rate (`akm_fg.arm.motion.reference`).
 """
 
 from __future__ import annotations
@@ -12,11 +12,10 @@ from dataclasses import dataclass
 
 import gtsam
 import numpy as np
-import ruckig
 
 from akm_fg.errors import MotionInfeasible
 from akm_fg.posterior import JointPosterior
-from akm_fg.records import FloatArray, TimedPath
+from akm_fg.records import HandPath, WayLimits
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,7 +30,10 @@ class HandLimits:
     acceleration_m_s2: float = 0.3
     jerk_m_s3: float = 2.0
     turn_rad_s: float = 0.5
-    step_s: float = 0.02  # between poses of the path
+    # Between poses of the path: a cubic through poses so far apart leaves a circle's arc by
+    # (step_rad^4 / 384) of its radius.
+    step_m: float = 0.02
+    step_rad: float = 0.05
 
 
 def plan_opening(
@@ -40,7 +42,7 @@ def plan_opening(
     q_now: float,
     q_target: float,
     limits: HandLimits | None = None,
-) -> TimedPath:
+) -> HandPath:
     """Hand poses from state `q_now`, where the hand is, to `q_target`.
 
     Args:
@@ -51,19 +53,25 @@ def plan_opening(
         limits: of the hand.
 
     Raises:
-        MotionInfeasible: a state that is not finite, or no time law within the limits.
+        MotionInfeasible: a state that is not finite.
     """
     limits = limits or HandLimits()
     if not np.isfinite([q_now, q_target]).all():
         raise MotionInfeasible(f"states {q_now} to {q_target}; expected finite numbers")
-    stamps_s, q = _timed_states(q_target - q_now, _speed_per_state(joint, T_world_gripper), limits)
+    way = q_target - q_now
+    metres, radians = _speed_per_state(joint, T_world_gripper)
+    steps = abs(way) * max(metres / limits.step_m, radians / limits.step_rad)
+    q = np.linspace(0.0, way, max(int(np.ceil(steps)), 1) + 1) if way else np.zeros(1)
     # Moving from q_now by dq is the joint's motion by dq, whatever q_now is: screws commute.
     R_world, t_world = joint.joint.motion(q)
     poses = tuple(
         gtsam.Pose3(gtsam.Rot3(R), t) * T_world_gripper
         for R, t in zip(R_world, t_world, strict=True)
     )
-    return TimedPath(stamps_s, poses)
+    slowness = max(metres / limits.speed_m_s, radians / limits.turn_rad_s)
+    speed = 1.0 / slowness
+    shares = limits.acceleration_m_s2 / limits.speed_m_s, limits.jerk_m_s3 / limits.speed_m_s
+    return HandPath(np.abs(q), poses, WayLimits(speed, shares[0] * speed, shares[1] * speed))
 
 
 def _speed_per_state(joint: JointPosterior, T_world_gripper: gtsam.Pose3) -> tuple[float, float]:
@@ -74,24 +82,3 @@ def _speed_per_state(joint: JointPosterior, T_world_gripper: gtsam.Pose3) -> tup
     # Round the axis, and along it by the pitch: the two are at right angles.
     across = float(np.linalg.norm(np.cross(joint.axis, arm)))
     return float(np.hypot(across, joint.joint.pitch)), 1.0
-
-
-def _timed_states(
-    distance: float, per_state: tuple[float, float], limits: HandLimits
-) -> tuple[FloatArray, FloatArray]:
-    """Times (N,) and states (N,) from rest to rest over `distance`, jerk-limited."""
-    metres, radians = per_state
-    slowness = max(metres / limits.speed_m_s, radians / limits.turn_rad_s)
-    wanted = ruckig.InputParameter(1)
-    wanted.target_position = [distance]
-    wanted.max_velocity = [1 / slowness]
-    wanted.max_acceleration = [limits.acceleration_m_s2 / limits.speed_m_s / slowness]
-    wanted.max_jerk = [limits.jerk_m_s3 / limits.speed_m_s / slowness]
-    trajectory = ruckig.Trajectory(1)
-    result = ruckig.Ruckig(1).calculate(wanted, trajectory)
-    if result not in (ruckig.Result.Working, ruckig.Result.Finished):
-        raise MotionInfeasible(f"no jerk-limited motion over a state of {distance:.4g}: {result}")
-    count = max(int(np.ceil(trajectory.duration / limits.step_s)), 1) + 1
-    stamps_s = np.linspace(0.0, max(trajectory.duration, limits.step_s), count)
-    q = np.array([trajectory.at_time(float(t))[0][0] for t in stamps_s])
-    return stamps_s, q

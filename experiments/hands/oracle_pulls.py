@@ -29,7 +29,7 @@ import numpy as np
 from akm_fg.arm.body.limits import LimitUsage, MotionRecorder
 from akm_fg.cli.demo_config import SimulatorConfig
 from akm_fg.errors import AkmError
-from akm_fg.records import TimedPath
+from akm_fg.records import HandPath, WayLimits
 from experiments.pages.tables import markdown, percent
 from experiments.rows.json_lines import append_line, whole_lines
 from experiments.rows.provenance import note_run
@@ -150,7 +150,7 @@ class _Trial:
         world = episode.world
         T, T_world_gripper = world.placement.T_world_object, episode.arm.T_world_gripper()
         x = np.linspace(0.0, 1.0, POSES)
-        states = world.part_state() + (goal - world.part_state()) * x**2 * (3.0 - 2.0 * x)
+        states = world.part_state() + (goal - world.part_state()) * x
         closed = T * opened(world.built, world.part_state())
         poses = [
             T * opened(world.built, float(q)) * closed.inverse() * T_world_gripper for q in states
@@ -159,7 +159,8 @@ class _Trial:
         length_m = float(np.linalg.norm(np.diff(points, axis=0), axis=1).sum())
         if way == "pull":
             return episode.arm.pull(episode.pull_direction_world, length_m, TICK_S)
-        return episode.arm.follow(TimedPath(length_m / SPEED_M_S * x, tuple(poses)), TICK_S)
+        limits = WayLimits(SPEED_M_S, 3.0 * SPEED_M_S, 20.0 * SPEED_M_S)
+        return episode.arm.follow(HandPath(length_m * x, tuple(poses), limits), TICK_S)
 
     def _watch(self, motion: Iterator[None]) -> None:
         """Iterates a motion and notes which links of the arm touch the object."""

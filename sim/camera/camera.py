@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from akm_fg.arm.body.description import ArmDescription
 from akm_fg.arm.body.model import N_ARM
-from akm_fg.calibration.depth_from_arm import DepthCorrection
+from akm_fg.arm.depth_from_arm import DepthCorrection
 from akm_fg.records import RgbdFrame
 from sim.bullet import connect, load_urdf, p
 from sim.camera.materials import MATT, specular_of

@@ -30,7 +30,7 @@ from akm_fg.arm.motion.reference import pose_reference, within_joint_limits
 from akm_fg.arm.motion.surroundings import KnownScene, Surroundings
 from akm_fg.arm.motion.tracking import PathTracker
 from akm_fg.errors import GraspFailed, MotionInfeasible
-from akm_fg.records import FloatArray, RgbdFrame, TimedPath
+from akm_fg.records import FloatArray, HandPath, RgbdFrame
 from sim.robot.drive import ArmDrive
 from sim.robot.franka_config import FrankaConfig
 from sim.robot.gripper import SimGripper
@@ -55,6 +55,7 @@ class SimFranka:
         self.gripper = SimGripper(world, self.config.gripper)
         self._drive = ArmDrive(world, self.gripper, joint_offsets_rad)
         self._q_rest = Q_HOME.copy()
+        self._tracker: PathTracker | None = None  # of a path that is being followed
         self._wrench = np.zeros(6)  # that the last compliant motion asked for, world axes
         self._silhouette: ArmSilhouette | None = None  # its meshes are read when it is asked for
         self._eye_world: FloatArray | None = None  # of the camera that took what was seen
@@ -176,8 +177,8 @@ class SimFranka:
         """After a motion that was not iterated to its end: come to rest, and let the force fade."""
         yield from self._drive.execute(self._fade(), tick_s)
 
-    def follow(self, path: TimedPath, tick_s: float) -> Iterator[None]:
-        """Follow a timed path compliantly, and wait until the arm has come to rest.
+    def follow(self, path: HandPath, tick_s: float) -> Iterator[None]:
+        """Follow a path compliantly, and wait until the arm has come to rest.
 
         The path takes longer than asked where the joints' limits ask for it.
 
@@ -185,9 +186,7 @@ class SimFranka:
             MotionInfeasible: a pose of the path cannot be reached.
         """
         q = self.measured_joints()[0]
-        feasible = within_joint_limits(
-            self._kinematics, path, q, self._drive.step_s, self.config.reference
-        )
+        feasible = within_joint_limits(self._kinematics, path, q, self.config.reference)
         if feasible is None:
             raise MotionInfeasible("a pose of the path is out of the arm's reach")
         yield from self._drive.execute(self._track(feasible), tick_s)
@@ -419,19 +418,29 @@ class SimFranka:
             wrench = self._wrench = pull.wrench(T, J @ dq, self._drive.step_s)
             yield cartesian_torques(wrench, J, q, dq, self._q_rest, balance, c)
 
-    def _track(self, path: TimedPath) -> Iterator[FloatArray]:
+    def _track(self, path: HandPath) -> Iterator[FloatArray]:
         reference = pose_reference(
-            path, self._sense()[2], self._drive.step_s, self.config.reference.blend_s
+            path, self._sense()[2], self._drive.step_s, self.config.reference
         )
-        tracker = PathTracker(reference, self.config.track)
-        c = self.config.impedance
+        tracker = self._tracker = PathTracker(reference, self.config.track)
         while not tracker.finished:
-            q, dq, T, J, balance = self._sense()
-            wrench = self._wrench = tracker.wrench(T, J @ dq, self._drive.step_s)
-            yield cartesian_torques(wrench, J, q, dq, self._q_rest, balance, c)
+            yield self._tracked(tracker)
+        self._tracker = None
+
+    def _tracked(self, tracker: PathTracker) -> FloatArray:
+        q, dq, T, J, balance = self._sense()
+        self._wrench = tracker.wrench(T, J @ dq, self._drive.step_s)
+        return cartesian_torques(
+            self._wrench, J, q, dq, self._q_rest, balance, self.config.impedance
+        )
 
     def _fade(self) -> Iterator[FloatArray]:
-        """The last wrench dies away smoothly, and the hand's motion with it."""
+        """A path that was broken off comes to rest; the last wrench dies away smoothly."""
+        tracker, self._tracker = self._tracker, None
+        if tracker is not None:
+            tracker.brake()
+            while not tracker.passed:
+                yield self._tracked(tracker)
         c, track = self.config.impedance, self.config.track
         steps = round(self.config.fade_s / self._drive.step_s)
         last = self._wrench

@@ -12,7 +12,7 @@ from akm_fg.arm.body.kinematics import Q_HOME
 from akm_fg.arm.body.limits import MotionRecorder
 from akm_fg.arm.motion.reaching import GraspConfiguration
 from akm_fg.errors import GraspFailed, MotionInfeasible
-from akm_fg.records import TimedPath
+from akm_fg.records import HandPath, WayLimits
 from sim.bullet import p
 from sim.episode import SimEpisode, open_world
 from sim.objects.placement import opened
@@ -29,15 +29,17 @@ def run(motion) -> None:
         pass
 
 
-def arc(episode: SimEpisode, goal: float, duration_s: float) -> TimedPath:
-    """The true hand path from the present state to `goal`."""
+def arc(episode: SimEpisode, goal: float, duration_s: float) -> HandPath:
+    """The true hand path from the present state to `goal`, in about so long."""
     start = episode.world.part_state()
     T, G = episode.world.placement.T_world_object, episode.arm.T_world_gripper()
     s = np.linspace(0.0, 1.0, 30)
-    states = (goal - start) * s * s * (3.0 - 2.0 * s)
+    states = (goal - start) * s
     built = episode.world.built
     poses = tuple(T * opened(built, float(q)) * T.inverse() * G for q in states)
-    return TimedPath(np.linspace(0.0, duration_s, 30), poses)
+    return HandPath(
+        s, poses, WayLimits(1.5 / duration_s, 6.0 / duration_s**2, 60.0 / duration_s**3)
+    )
 
 
 def finger_forces_n(episode: SimEpisode) -> list[float]:
@@ -203,7 +205,7 @@ def test_what_is_out_of_reach_is_infeasible():
         with pytest.raises(MotionInfeasible):
             next(episode.arm.grasp(far, TICK_S))
         here = episode.arm.T_world_gripper()
-        path = TimedPath(np.array([0.0, 1.0]), (here, far))
+        path = HandPath(np.array([0.0, 1.0]), (here, far), WayLimits(1.0, 1.0, 1.0))
         with pytest.raises(MotionInfeasible):
             next(episode.arm.follow(path, TICK_S))
 

@@ -16,6 +16,7 @@ import numpy as np
 import ruckig
 
 from akm_fg.arm.body.kinematics import DDDQ_MAX, DDQ_MAX, DQ_MAX, limit_margin_rad
+from akm_fg.arm.motion.time_law import jerk_limited
 from akm_fg.errors import MotionInfeasible
 from akm_fg.records import FloatArray
 
@@ -82,10 +83,7 @@ def _leg(step: FloatArray, step_s: float, config: TimeLawConfig) -> FloatArray:
     inp.max_velocity = [float((config.speed * DQ_MAX / reach).min())]
     inp.max_acceleration = [float((config.acceleration * DDQ_MAX / reach).min())]
     inp.max_jerk = [float((config.jerk * DDDQ_MAX / reach).min())]
-    trajectory = ruckig.Trajectory(1)
-    result = ruckig.Ruckig(1).calculate(inp, trajectory)
-    if result not in (ruckig.Result.Working, ruckig.Result.Finished):
-        raise MotionInfeasible(f"no jerk-limited motion over {np.round(step, 3)} rad: {result}")
+    trajectory = jerk_limited(inp)
     count = int(np.ceil(trajectory.duration / step_s))
     samples = [trajectory.at_time(min(k * step_s, trajectory.duration)) for k in range(1, count)]
     law = np.array([[s[0], v[0], a[0]] for s, v, a in samples]).reshape(-1, 3)

@@ -1,32 +1,69 @@
-"""From a timed path of hand poses to what the hand is asked to do at every control step.
+"""From a path of hand poses to what the hand is asked to do at every control step.
 
-The poses become a twice differentiable motion that starts where the hand is and ends at rest, and
-that takes longer than asked where the joints would otherwise be asked for more than they can give.
+Ruckig makes the time law, state to state and jerk-limited: one degree of freedom along the way and,
+where the hand is off the path's first pose, six in which what it is off dies away. It is asked for
+at every control step, so nothing is interpolated in time, and from any step on it can be made anew
+to come to rest as fast as the limits allow. How fast the way may be gone follows from the joints'
+limits: with q(s) the joints' angles along the way,
+
+    dq = q' v,   ddq = q'' v^2 + q' a,   dddq = q''' v^3 + 3 q'' v a + q' j
+
+for speed v, acceleration a and jerk j along it; each term gets an even part of its limit.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 
 import numpy as np
+import ruckig
 from scipy.interpolate import CubicSpline
 from scipy.spatial.transform import Rotation
 
 from akm_fg.arm.body.kinematics import DDDQ_MAX, DDQ_MAX, DQ_MAX, FrankaKinematics
-from akm_fg.records import FloatArray, TimedPath
+from akm_fg.arm.motion.time_law import jerk_limited
+from akm_fg.records import FloatArray, HandPath, WayLimits
+
+N_LAW = 7  # the way, and what the hand is off: m along three axes, and a rotation vector
 
 
 @dataclass(frozen=True, slots=True)
 class ReferenceConfig:
     """How a path becomes what the hand is asked to do."""
 
-    blend_s: float = 0.5  # within which it joins a path that begins elsewhere
+    # How a hand joins a path that begins elsewhere, along each axis.
+    join_m: WayLimits = field(default_factory=lambda: WayLimits(0.08, 0.5, 5.0))
+    join_rad: WayLimits = field(default_factory=lambda: WayLimits(0.4, 2.5, 25.0))
     share_max: float = 0.8  # of the joints' limits; what is left is for following the reference
     checks: int = 20  # poses of the path at which the joints are asked for
 
     def __post_init__(self) -> None:
         if not 0.0 < self.share_max <= 1.0:
             raise ValueError(f"share_max {self.share_max}, expected 0 < share_max <= 1")
+
+
+class _Geometry:
+    """The path's poses as functions of the way; a single pose is everywhere."""
+
+    def __init__(self, path: HandPath) -> None:
+        way, poses = path.way, np.array([T.matrix() for T in path.T_world_gripper])
+        if len(poses) == 1:
+            way, poses = np.array([0.0, 1.0]), np.repeat(poses, 2, axis=0)
+        self._middle = Rotation.from_matrix(poses[len(poses) // 2, :3, :3])
+        turns = (Rotation.from_matrix(poses[:, :3, :3]) * self._middle.inv()).as_rotvec()
+        self._spline = CubicSpline(way, np.hstack([poses[:, :3, 3], turns]))
+        self.length = float(path.way[-1])
+
+    def points(self, s: FloatArray) -> tuple[FloatArray, Rotation]:
+        """Places (N, 3) and orientations at ways (N,)."""
+        at = self._spline(s)
+        return at[:, :3], Rotation.from_rotvec(at[:, 3:]) * self._middle
+
+    def directions(self, s: FloatArray) -> FloatArray:
+        """(N, 3) unit, in which the hand goes there; 0 where it only turns."""
+        going = self._spline(s, 1)[:, :3]
+        length = np.linalg.norm(going, axis=1, keepdims=True)
+        return np.asarray(np.where(length > 1e-7, going / np.maximum(length, 1e-7), 0.0))
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,62 +74,89 @@ class PoseReference:
     p_world: FloatArray  # (N, 3) m
     R_world: FloatArray  # (N, 3, 3)
     twist: FloatArray  # (N, 6) linear m/s, then angular rad/s
-    tangent: FloatArray  # (N, 3) unit direction of the way; where it stands, that of before
+    tangent: FloatArray  # (N, 3) unit direction of the way
+    law: FloatArray  # (N, 3, 7) the way and what the hand is off, their speeds and accelerations
+    _geometry: _Geometry
+    _limits: FloatArray  # (3, 7) of speed, acceleration and jerk
 
     def __len__(self) -> int:
         return len(self.p_world)
 
+    def braked(self, step: int) -> PoseReference:
+        """From this control step on, to rest as fast as the limits allow, and no farther.
+
+        Raises:
+            MotionInfeasible: no such motion, which limits that are positive exclude.
+        """
+        state = self.law[min(step, len(self) - 1)]
+        wanted = _asked(state, self._limits)
+        wanted.control_interface = ruckig.ControlInterface.Velocity
+        law = _sampled(wanted, self.step_s)
+        return _reference(self._geometry, law, self._limits, self.step_s)
+
 
 def pose_reference(
-    path: TimedPath, T_start: FloatArray, step_s: float, blend_s: float = 0.5
+    path: HandPath, T_start: FloatArray, step_s: float, config: ReferenceConfig | None = None
 ) -> PoseReference:
-    """A reference through the path's poses at its times, at rest at both ends.
+    """A reference along the path, at rest at both ends.
 
     Where the hand, at `T_start` (4, 4), is off the first pose (it has slipped, or was pulled
-    there), the reference starts there and joins the path within `blend_s`.
+    there), the reference starts there, and what it is off dies away.
+
+    Raises:
+        MotionInfeasible: no time law, which limits that are positive exclude.
     """
-    stamps = path.stamps_s
-    poses = np.array([T.matrix() for T in path.T_world_gripper])
-    if len(poses) == 1:
-        stamps, poses = np.array([0.0, blend_s]), np.repeat(poses, 2, axis=0)
-    count = max(int(np.ceil((stamps[-1] - stamps[0]) / step_s)), 1)
-    t = np.minimum(stamps[0] + step_s * np.arange(count + 1), stamps[-1])
-    middle = Rotation.from_matrix(poses[len(poses) // 2, :3, :3])
-    turns = (Rotation.from_matrix(poses[:, :3, :3]) * middle.inv()).as_rotvec()
-    spline = CubicSpline(stamps, np.hstack([poses[:, :3, 3], turns]), bc_type="clamped")(t)
-    x = np.clip((t - stamps[0]) / blend_s, 0.0, 1.0)[:, None]
-    left = 1.0 - x**3 * (10.0 - 15.0 * x + 6.0 * x**2)  # of the way from the start to the path
-    R = Rotation.from_rotvec(spline[:, 3:]) * middle
+    config, geometry = config or ReferenceConfig(), _Geometry(path)
+    (p,), R = geometry.points(np.zeros(1))
     off = (Rotation.from_matrix(T_start[:3, :3]) * R[0].inv()).as_rotvec()
-    R = Rotation.from_rotvec(left * off) * R
-    p_world = spline[:, :3] + left * (T_start[:3, 3] - spline[0, :3])
-    twist = np.zeros((len(t), 6))
+    state = np.zeros((3, N_LAW))
+    state[0, 1:4], state[0, 4:] = T_start[:3, 3] - p, off
+    each = [path.limits, *[config.join_m] * 3, *[config.join_rad] * 3]
+    limits = np.array([[one.speed, one.acceleration, one.jerk] for one in each]).T
+    wanted = _asked(state, limits)
+    wanted.target_position = [geometry.length, *[0.0] * (N_LAW - 1)]
+    return _reference(geometry, _sampled(wanted, step_s), limits, step_s)
+
+
+def _asked(state: FloatArray, limits: FloatArray) -> ruckig.InputParameter:
+    """From a state (3, 7) of position, speed and acceleration, within limits (3, 7), to rest."""
+    wanted = ruckig.InputParameter(N_LAW)
+    wanted.current_position, wanted.current_velocity = state[0].tolist(), state[1].tolist()
+    wanted.current_acceleration = state[2].tolist()
+    wanted.max_velocity, wanted.max_acceleration = limits[0].tolist(), limits[1].tolist()
+    wanted.max_jerk = limits[2].tolist()
+    wanted.synchronization = ruckig.Synchronization.No
+    return wanted
+
+
+def _sampled(wanted: ruckig.InputParameter, step_s: float) -> FloatArray:
+    """The law (N, 3, 7) at every control step, from now to its end."""
+    trajectory = jerk_limited(wanted)
+    count = max(int(np.ceil(trajectory.duration / step_s - 1e-9)), 1) + 1
+    times_s = np.minimum(step_s * np.arange(count), trajectory.duration)
+    return np.array([trajectory.at_time(t) for t in times_s.tolist()])
+
+
+def _reference(
+    geometry: _Geometry, law: FloatArray, limits: FloatArray, step_s: float
+) -> PoseReference:
+    p_way, R_way = geometry.points(law[:, 0, 0])
+    p_world = p_way + law[:, 0, 1:4]
+    R = Rotation.from_rotvec(law[:, 0, 4:]) * R_way
+    twist = np.zeros((len(law), 6))
     twist[:-1, :3] = np.diff(p_world, axis=0) / step_s
     twist[:-1, 3:] = (R[1:] * R[:-1].inv()).as_rotvec() / step_s
-    return PoseReference(step_s, p_world, R.as_matrix(), twist, _tangents(spline[:, :3]))
-
-
-def _tangents(p_world: FloatArray) -> FloatArray:
-    """(N, 3) directions of the way at each of the points (N, 3), zero before it first moves."""
-    steps = np.diff(p_world, axis=0, append=p_world[-1:])
-    lengths = np.linalg.norm(steps, axis=1)
-    moves = lengths > 1e-7
-    last = np.maximum.accumulate(np.where(moves, np.arange(len(steps)), -1))
-    if not moves.any():
-        return np.zeros_like(steps)
-    last = np.where(last < 0, int(np.argmax(moves)), last)
-    result: FloatArray = steps[last] / lengths[last, None]
-    return result
+    tangent = geometry.directions(law[:, 0, 0])
+    return PoseReference(step_s, p_world, R.as_matrix(), twist, tangent, law, geometry, limits)
 
 
 def within_joint_limits(
     kinematics: FrankaKinematics,
-    path: TimedPath,
+    path: HandPath,
     q_start: FloatArray,
-    step_s: float,
     config: ReferenceConfig | None = None,
-) -> TimedPath | None:
-    """The path, slowed down as a whole where the joints ask for it; None where it is not reachable.
+) -> HandPath | None:
+    """The path, as fast as it and the joints allow; None where it is not reachable.
 
     Joint angles along the path come from inverse kinematics at some of its poses, one solution
     following the other from `q_start` (7,) on, and a spline between them.
@@ -107,19 +171,32 @@ def within_joint_limits(
         q.append(q_next)
     if n == 1:
         return path
-    stretch = _stretch(path.stamps_s[picks], np.array(q[1:]), step_s, config.share_max)
-    return path if stretch <= 1.0 else TimedPath(stretch * path.stamps_s, path.T_world_gripper)
+    limits = _joint_limits(path.way[picks], np.array(q[1:]), path.limits, config.share_max)
+    return path if limits == path.limits else replace(path, limits=limits)
 
 
-def _stretch(stamps_s: FloatArray, q: FloatArray, step_s: float, share: float) -> float:
-    """By how much a motion through q (K, 7) must take longer for a share of the joints' limits."""
-    spline = CubicSpline(stamps_s, q, bc_type="clamped")
-    t = np.linspace(stamps_s[0], stamps_s[-1], 50 * len(q))
-    ddq = spline(t, 2)
-    velocity = (np.abs(spline(t, 1)) / DQ_MAX).max()
-    acceleration = (np.abs(ddq) / DDQ_MAX).max()
-    # At both ends the acceleration begins and ends within one control step.
-    ends = np.abs(ddq[[0, -1]]).max(axis=0) / step_s
-    jerk = (np.maximum(np.abs(spline(t, 3)).max(axis=0), ends) / DDDQ_MAX).max()
-    shares = np.array([velocity, acceleration, jerk]) / share
-    return float(max(shares[0], np.sqrt(shares[1]), np.sqrt(shares[2])))
+def _joint_limits(way: FloatArray, q: FloatArray, own: WayLimits, share: float) -> WayLimits:
+    """The path's own limits, or lower ones for a share of the joints': see the module.
+
+    Args:
+        way: (K,) where the joints' angles are known.
+        q: (K, 7) rad.
+        own: of the path.
+        share: of the joints' limits.
+    """
+    spline = CubicSpline(way, q)
+    s = np.linspace(way[0], way[-1], 50 * len(q))
+    d1, d2, d3 = (np.maximum(np.abs(spline(s, n)), 1e-12) for n in (1, 2, 3))
+    top, most, jump = share * DQ_MAX, share * DDQ_MAX, share * DDDQ_MAX
+    v = min(
+        own.speed,
+        float((top / d1).min()),
+        float(np.sqrt(0.5 * most / d2).min()),
+        float(np.cbrt(jump / 3.0 / d3).min()),
+    )
+    a = min(
+        own.acceleration,
+        float((0.5 * most / d1).min()),
+        float((jump / 9.0 / (d2 * v)).min()),
+    )
+    return WayLimits(v, a, min(own.jerk, float((jump / 3.0 / d1).min())))

@@ -1,4 +1,4 @@
-"""Compliant tracking of a timed path of gripper poses."""
+"""Compliant tracking of a path of gripper poses."""
 
 from __future__ import annotations
 
@@ -47,6 +47,16 @@ class PathTracker:
         self._extra = np.zeros(3)  # integral force, N
         self.finished = False
 
+    @property
+    def passed(self) -> bool:
+        """Whether the reference has come to its end; the hand may still be on its way."""
+        return self._step >= len(self._reference)
+
+    def brake(self) -> None:
+        """From now on the reference comes to rest as fast as its limits allow."""
+        self._reference = self._reference.braked(self._step)
+        self._step = 0
+
     def wrench(self, T: FloatArray, twist: FloatArray, dt: float) -> FloatArray:
         """Force and moment (6,) at the gripper, world axes.
 
@@ -87,7 +97,7 @@ class PathTracker:
     def _advance(self, twist: FloatArray, left_m: float, dt: float) -> None:
         c = self._config
         self._step += 1
-        if self._step < len(self._reference):
+        if not self.passed:
             return
         self._late_s += dt
         moving = twist[:3] @ twist[:3] > c.rest_m_s**2 or twist[3:] @ twist[3:] > c.rest_rad_s**2

@@ -15,15 +15,15 @@ import numpy as np
 
 from akm_fg.arm.body.kinematics import FrankaKinematics
 from akm_fg.arm.body.surface import ArmSurface
-from akm_fg.arm.motion.pulling import Pull
-from akm_fg.arm.motion.reaching import standoff
-from akm_fg.arm.motion.reference import pose_reference
-from akm_fg.arm.motion.tracking import PathTracker
-from akm_fg.calibration.depth_from_arm import (
+from akm_fg.arm.depth_from_arm import (
     DepthCorrection,
     DepthFromArmConfig,
     depth_from_arm,
 )
+from akm_fg.arm.motion.pulling import Pull
+from akm_fg.arm.motion.reaching import standoff
+from akm_fg.arm.motion.reference import pose_reference
+from akm_fg.arm.motion.tracking import PathTracker
 from akm_fg.errors import ArmStopped, GraspFailed
 from akm_fg.hardware.franka.compliance import SpringOfWrench
 from akm_fg.hardware.franka.control import HandControl
@@ -32,7 +32,7 @@ from akm_fg.hardware.franka.hand_frame import checked_hand
 from akm_fg.hardware.franka.legs import leg_limits
 from akm_fg.hardware.franka.link import FrankaLink
 from akm_fg.hardware.franka.planning import ArmPlanner
-from akm_fg.records import CalibrationErrors, FloatArray, RgbdFrame, TimedPath
+from akm_fg.records import CalibrationErrors, FloatArray, HandPath, RgbdFrame
 
 
 class FrankaArm:
@@ -209,8 +209,8 @@ class FrankaArm:
         self._hand.rest()
         yield from ()
 
-    def follow(self, path: TimedPath, tick_s: float) -> Iterator[None]:
-        """Follow a timed path compliantly, and wait until the arm has come to rest.
+    def follow(self, path: HandPath, tick_s: float) -> Iterator[None]:
+        """Follow a path compliantly, and wait until the arm has come to rest.
 
         The path takes longer than asked where the joints' limits ask for it.
 
@@ -221,7 +221,7 @@ class FrankaArm:
         c = self.config
         slower = self._planner.path(path, self.measured_joints()[0])
         start = self.T_world_gripper().matrix()
-        reference = pose_reference(slower, start, c.period_s, c.reference.blend_s)
+        reference = pose_reference(slower, start, c.period_s, c.reference)
         inner = SpringOfWrench(PathTracker(reference, c.track), c.following, c.period_s)
         yield from self._hand.held(inner, c.following, tick_s)
 

@@ -13,9 +13,10 @@ import numpy as np
 
 from akm_fg.arm.body.kinematics import Q_HOME
 from akm_fg.arm.motion.joint_path import TimeLawConfig, joint_motion
+from akm_fg.arm.motion.time_law import duration_s
 from akm_fg.errors import DryRunEnded
 from akm_fg.hardware.franka.planning import ArmPlanner
-from akm_fg.records import FloatArray, RgbdFrame, TimedPath
+from akm_fg.records import FloatArray, HandPath, RgbdFrame
 
 STEP_S = 0.01  # of the times that are told
 
@@ -111,7 +112,7 @@ class DryRunArm:
         """Nothing moves."""
         yield from ()
 
-    def follow(self, path: TimedPath, tick_s: float) -> Iterator[None]:
+    def follow(self, path: HandPath, tick_s: float) -> Iterator[None]:
         """Says the path's ends.
 
         Raises:
@@ -120,7 +121,7 @@ class DryRunArm:
         slower = self._planner.path(path, self._q)
         poses = slower.T_world_gripper
         first, last = (_rounded(T.translation(), 3) for T in (poses[0], poses[-1]))
-        self._tell(f"follow: from {first} to {last} m in {slower.stamps_s[-1]:.1f} s")
+        self._tell(f"follow: from {first} to {last} m in {duration_s(slower):.1f} s")
         yield
 
 

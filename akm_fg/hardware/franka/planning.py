@@ -22,7 +22,7 @@ from akm_fg.arm.motion.reference import within_joint_limits
 from akm_fg.arm.motion.surroundings import KnownScene, Surroundings
 from akm_fg.errors import MotionInfeasible
 from akm_fg.hardware.franka.config import FrankaArmConfig
-from akm_fg.records import FloatArray, RgbdFrame, TimedPath
+from akm_fg.records import FloatArray, HandPath, RgbdFrame
 
 
 @dataclass(frozen=True, slots=True)
@@ -138,15 +138,13 @@ class ArmPlanner:
                 continue
         return None
 
-    def path(self, path: TimedPath, q: FloatArray) -> TimedPath:
+    def path(self, path: HandPath, q: FloatArray) -> HandPath:
         """The path as slow as the joints ask for, from joint angles (7,).
 
         Raises:
             MotionInfeasible: a pose of it cannot be reached.
         """
-        slower = within_joint_limits(
-            self.kinematics, path, q, self.config.period_s, self.config.reference
-        )
+        slower = within_joint_limits(self.kinematics, path, q, self.config.reference)
         if slower is None:
             raise MotionInfeasible("a pose of the path is out of the arm's reach")
         poses, checks = slower.T_world_gripper, self.config.reference.checks

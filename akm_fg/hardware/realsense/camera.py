@@ -6,7 +6,7 @@ from collections.abc import Callable
 from types import TracebackType
 from typing import Any
 
-from akm_fg.calibration.depth_from_arm import DepthCorrection
+from akm_fg.arm.depth_from_arm import DepthCorrection
 from akm_fg.errors import CameraFailed
 from akm_fg.hardware.mounted_camera import MountedCamera
 from akm_fg.hardware.realsense.config import RealSenseConfig

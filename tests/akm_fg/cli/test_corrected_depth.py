@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from akm_fg.calibration.depth_from_arm import DepthFromArmConfig
+from akm_fg.arm.depth_from_arm import DepthFromArmConfig
 from akm_fg.cli.demo_config import SimulatorConfig
 from akm_fg.cli.object_argument import parse_object
 from akm_fg.cli.simulated_run import opened_world

@@ -8,19 +8,21 @@ import pytest
 
 from akm_fg.arm.motion.reference import pose_reference
 from akm_fg.arm.motion.tracking import PathTracker, TrackConfig
-from akm_fg.records import TimedPath
+from akm_fg.records import HandPath, WayLimits
 
 STEP_S = 1e-3
 CONFIG = TrackConfig()
 
 
 def tracker(length_m: float, duration_s: float) -> PathTracker:
-    """Along world x, from the origin."""
-    stamps = np.linspace(0.0, duration_s, 12)
-    poses = tuple(
-        gtsam.Pose3(gtsam.Rot3(), np.array([length_m * s / duration_s, 0.0, 0.0])) for s in stamps
-    )
-    return PathTracker(pose_reference(TimedPath(stamps, poses), np.eye(4), STEP_S), CONFIG)
+    """Along world x, from the origin, in so long.
+
+    With speed and acceleration free, from rest to rest takes (32 d / j)^(1/3).
+    """
+    way = np.linspace(0.0, 1.0, 12)
+    poses = tuple(gtsam.Pose3(gtsam.Rot3(), np.array([length_m * s, 0.0, 0.0])) for s in way)
+    path = HandPath(way, poses, WayLimits(1e3, 1e3, 32.0 / duration_s**3))
+    return PathTracker(pose_reference(path, np.eye(4), STEP_S), CONFIG)
 
 
 def held_at(follower: PathTracker, x_m: float, seconds: float, y_m: float = 0.0) -> np.ndarray:
@@ -86,3 +88,16 @@ def test_a_hand_at_rest_at_the_end_is_done_after_its_rest_and_one_that_is_not_gi
     assert not stuck.finished
     held_at(stuck, 0.04, 0.04)
     assert stuck.finished
+
+
+def test_a_path_that_is_broken_off_comes_to_rest_before_it_lets_go():
+    follower = tracker(0.3, 3.0)
+    held_at(follower, 0.15, 1.5)  # in the middle, at full speed
+    assert not follower.passed
+    follower.brake()
+    steps = 0
+    while not follower.passed:
+        held_at(follower, 0.15, STEP_S)
+        steps += 1
+    # 0.2 m/s at 0.3 * 32 / 27 m/s^3 of jerk: 2 sqrt(v / j) is the fastest stop.
+    assert steps * STEP_S == pytest.approx(2.0 * np.sqrt(0.2 / (0.3 * 32.0 / 27.0)), abs=0.01)

@@ -12,7 +12,7 @@ from akm_fg.arm.body.kinematics import DQ_MAX
 from akm_fg.errors import ArmStopped, GraspFailed, MotionInfeasible
 from akm_fg.hardware.franka.arm import FrankaArm
 from akm_fg.hardware.franka.planning import ArmPlanner
-from akm_fg.records import TimedPath
+from akm_fg.records import HandPath, WayLimits
 
 pytestmark = [pytest.mark.slow, pytest.mark.hardware]  # seconds of robot time each, in real time
 
@@ -40,13 +40,12 @@ def at_rest(counterpart):
 
 
 def straight_path(T_start, way_m, seconds):
-    x = np.linspace(0.0, 1.0, 60)
-    share = 10 * x**3 - 15 * x**4 + 6 * x**5
+    x = np.linspace(0.0, 1.0, 10)
     poses = tuple(
         gtsam.Pose3(T_start.rotation(), T_start.translation() + s * way_m * TOWARDS_ROBOT)
-        for s in share
+        for s in x
     )
-    return TimedPath(seconds * x, poses)
+    return HandPath(x, poses, WayLimits(2.0 / seconds, 6.0 / seconds**2, 60.0 / seconds**3))
 
 
 def test_a_drawer_is_grasped_pulled_and_moved_along_a_path(counterpart, T_world_handle):

@@ -15,7 +15,7 @@ from akm_fg.arm.body.kinematics import Q_HOME
 from akm_fg.errors import DryRunEnded, MotionInfeasible
 from akm_fg.hardware.franka.dry_run import DryRunArm
 from akm_fg.hardware.franka.planning import ArmPlanner
-from akm_fg.records import TimedPath
+from akm_fg.records import HandPath, WayLimits
 
 FORWARD = gtsam.Rot3(np.column_stack([[0.0, 1, 0], [0.0, 0, 1], [1.0, 0, 0]]))
 HANDLE = gtsam.Pose3(FORWARD, np.array([0.5, 0.0, 0.45]))
@@ -57,7 +57,8 @@ def test_pulls_and_paths_are_told(arm, told):
         pass
     here = arm.T_world_gripper()
     back = gtsam.Pose3(here.rotation(), here.translation() - np.array([0.05, 0.0, 0.0]))
-    for _ in arm.follow(TimedPath(np.array([0.0, 2.0]), (here, back)), 0.1):
+    path = HandPath(np.array([0.0, 0.05]), (here, back), WayLimits(0.1, 0.3, 2.0))
+    for _ in arm.follow(path, 0.1):
         pass
     assert told[0] == "pull: 10 cm along (-1.00, 0.00, 0.00), 40 N at most"
     assert told[1].startswith("follow: from ")

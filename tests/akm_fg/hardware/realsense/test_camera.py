@@ -10,7 +10,7 @@ import gtsam
 import numpy as np
 import pytest
 
-from akm_fg.calibration.depth_from_arm import DepthCorrection
+from akm_fg.arm.depth_from_arm import DepthCorrection
 from akm_fg.errors import CameraFailed, InputError, MissingDependency
 from akm_fg.hardware.mounted_camera import read_mounted_camera
 from akm_fg.hardware.realsense.camera import RealSenseCamera

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from akm_fg.arm.body.surface import ArmSurface
-from akm_fg.calibration.depth_from_arm import (
+from akm_fg.arm.depth_from_arm import (
     DepthCorrection,
     DepthFromArmConfig,
     depth_from_arm,
