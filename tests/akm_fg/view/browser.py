@@ -12,7 +12,7 @@ import shutil
 import subprocess
 import time
 import urllib.request
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -86,6 +86,15 @@ class Page:
 
         data = base64.b64decode(self.call("Page.captureScreenshot")["data"])
         return np.asarray(Image.open(io.BytesIO(data)).convert("RGB")).astype(int)
+
+    def shows(self, what: Callable[[np.ndarray], bool], within_s: float = PATIENCE_S) -> bool:
+        """Whether the screen shows it in time: a page drawn without a GPU fills by and by."""
+        end = time.monotonic() + within_s
+        while not what(self.picture()):
+            if time.monotonic() > end:
+                return False
+            self.listen(1.0)
+        return True
 
 
 @contextmanager
