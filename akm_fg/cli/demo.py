@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from akm_fg.cli.simulated_run import SimulatedRun
     from akm_fg.closed_loop import Observer
     from akm_fg.report.summary import RunSummary
-    from sim.objects.part_spec import PartSpec
+    from sim.objects.part_spec import Mechanism, PartSpec
 
 _USUAL_TARGET_M = 0.20
 _USUAL_TARGET_RAD = float(np.deg2rad(35.0))
@@ -111,6 +111,8 @@ def _explored(arguments: DemoArguments, config: DemoConfig | None) -> int:
         raise InputError("--target", f"is {arguments.target}", "an opening from closed, 0 or more")
     require_simulator()
     thing = parse_object(arguments.object, arguments.joint, arguments.scale, arguments.allow)
+    if target is not None:
+        _require_some_part(arguments, target, thing.spec(arguments.seed))
     request = run_request(_as_run(arguments), config, _command(arguments, thing), "demo")
     return carried_out(replace(request, target=target), arguments.json)
 
@@ -177,8 +179,30 @@ def require_simulator(what: str = "the demo") -> None:
         )
 
 
+def _require_some_part(
+    arguments: DemoArguments, wanted: tuple[float, Unit], spec: PartSpec
+) -> None:
+    """Refuse a target that no part of the object has, before minutes are spent on it.
+
+    Raises:
+        InputError: in the words of the first part.
+    """
+    from sim.objects.part_spec import mechanisms
+
+    problem: InputError | None = None
+    for part in mechanisms(spec):
+        try:
+            wanted_state(arguments, wanted, part)
+        except InputError as error:
+            problem = problem or error
+        else:
+            return
+    assert problem is not None
+    raise problem
+
+
 def wanted_state(
-    arguments: DemoArguments, wanted: tuple[float, Unit] | None, spec: PartSpec
+    arguments: DemoArguments, wanted: tuple[float, Unit] | None, spec: Mechanism
 ) -> dict[str, float]:
     """Wanted state of the object's kind of joint: what was asked for, or what is in its range."""
     turns = spec.kind == "revolute"

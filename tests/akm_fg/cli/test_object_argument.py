@@ -148,6 +148,32 @@ def test_a_target_outside_the_range_is_told_before_anything_runs(target: str, ca
     assert not (tmp_path / "runs").exists()
 
 
+@pytest.mark.parametrize(
+    ("name", "target", "words"),
+    [
+        ("furniture-dev/drawer-001", "30deg", "whose joint is prismatic; expected metres"),
+        ("furniture-dev/door-001", "0.2", "whose joint is revolute; expected degrees"),
+        ("furniture-dev/door-001", "400deg", "is outside the range"),
+    ],
+)
+def test_a_demo_that_would_explore_first_refuses_it_too(name, target, words, capfd, tmp_path):
+    out = tmp_path / "runs"
+    assert main(["demo", "--object", name, "--target", target, "--out", str(out)]) == 2
+    (line,) = (x for x in capfd.readouterr().err.splitlines() if x.startswith("akm-fg"))
+    assert words in line and not out.exists()
+
+
+def test_what_any_part_of_an_object_can_do_is_no_wrong_target():
+    from akm_fg.cli.demo import DemoArguments, _require_some_part
+    from sim.objects.staging import find_spec
+
+    spec = find_spec("furniture-multi-dev/cabinet-001", 0)  # three doors and drawers more
+    for target in ((0.05, "m"), (0.2, "rad")):
+        _require_some_part(DemoArguments(target="it"), target, spec)
+    with pytest.raises(InputError, match="outside the range"):
+        _require_some_part(DemoArguments(target="it"), (9.0, "rad"), spec)
+
+
 def test_what_cannot_be_parsed_is_an_input_error():
     with pytest.raises(InputError, match="no suite's object"):
         parse_object("")
