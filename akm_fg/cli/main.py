@@ -25,8 +25,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     from akm_fg.errors import AkmError
 
     prepare_streams()
+    words = sys.argv[1:] if argv is None else list(argv)
     try:
-        code = _run(sys.argv[1:] if argv is None else list(argv))
+        code = _run(words)
         sys.stdout.flush()
         return code
     except AkmError as error:
@@ -40,10 +41,27 @@ def main(argv: Sequence[str] | None = None) -> int:
         return READER_LEFT
     except OSError as error:
         if error.filename is not None or error.errno not in _WRITE_ERRORS:
-            raise
+            return _unforeseen(words, error)
         leave_broken_pipe()  # what could not be written would be tried again at exit
         complain(f"standard output: cannot be written ({error.strerror})")
         return BAD_INPUT
+    except Exception as error:
+        return _unforeseen(words, error)
+
+
+def _unforeseen(words: Sequence[str], error: Exception) -> int:
+    """One line of an error that nobody thought of; who wants to see where, asks for all of the log.
+
+    Raises:
+        Exception: itself, with AKM_FG_LOG=DEBUG.
+    """
+    from akm_fg.cli.console.lines import complain
+
+    if os.environ.get(_LOG, "").upper() == "DEBUG":
+        raise error
+    cause = " ".join(f"{type(error).__name__}: {error}".split())[:_CAUSE_LENGTH]
+    complain(f"{' '.join(words[:1])}: ended by an error ({cause}); {_LOG}=DEBUG shows where")
+    return BAD_INPUT
 
 
 def _run(argv: list[str]) -> int:
@@ -96,9 +114,9 @@ class _PrintableLines(logging.Formatter):
 def _set_up_log() -> None:
     from akm_fg.errors import InputError
 
-    level = os.environ.get("AKM_FG_LOG", "WARNING").upper()
+    level = os.environ.get(_LOG, "WARNING").upper()
     if level not in logging.getLevelNamesMapping():
-        raise InputError("AKM_FG_LOG", f"is {level!r}", "DEBUG, INFO, WARNING or ERROR")
+        raise InputError(_LOG, f"is {level!r}", "DEBUG, INFO, WARNING or ERROR")
     handler = logging.StreamHandler()
     handler.setFormatter(_PrintableLines("%(levelname)s %(message)s"))
     logging.basicConfig(level=level, handlers=[handler])
@@ -125,6 +143,8 @@ _COMMANDS = {
     "view": "models.view",
     "doctor": "doctor",
 }
+_LOG = "AKM_FG_LOG"
+_CAUSE_LENGTH = 300  # characters of an error's own words
 _WRITE_ERRORS = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO, errno.EBADF)
 _DESCRIPTION = """Joints of unseen articulated objects from RGB-D, with honest covariances.
 

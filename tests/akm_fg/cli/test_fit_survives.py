@@ -97,6 +97,22 @@ def test_an_error_nobody_thought_of_costs_one_input_one_line(
     assert "Traceback" in capfd.readouterr().err
 
 
+@pytest.mark.parametrize("error", [RuntimeError("it\nfails"), OSError(5, "broken", "a.png")])
+def test_an_error_nobody_thought_of_is_one_line_of_any_command(
+    error: Exception, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    def fails(arguments: object) -> int:
+        raise error
+
+    monkeypatch.setattr("akm_fg.cli.looking.check.check", fails)
+    assert main(["check", "recording"]) == 2
+    (line,) = capfd.readouterr().err.splitlines()
+    assert line.startswith("akm-fg: check: ended by an error (") and "AKM_FG_LOG=DEBUG" in line
+    monkeypatch.setenv("AKM_FG_LOG", "DEBUG")
+    with pytest.raises(type(error)):
+        main(["check", "recording"])
+
+
 def test_one_point_without_noise_is_an_answer_of_valid_json(
     tmp_path: Path, capfd: pytest.CaptureFixture[str]
 ) -> None:
