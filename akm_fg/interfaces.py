@@ -76,6 +76,19 @@ class Arm(Protocol):
         """
         ...
 
+    def close_and_reach(
+        self, T_world_wanted: gtsam.Pose3, tick_s: float, onward: Sequence[gtsam.Pose3] = ()
+    ) -> Iterator[None]:
+        """Let go, and move clear of what was seen to a pose, with closed fingers: to push.
+
+        `onward` is where the hand will go from there, as far as that is known.
+
+        Raises:
+            MotionInfeasible: the pose cannot be reached, or not without touching something.
+            GraspFailed: something was met on the way.
+        """
+        ...
+
     def step_aside(self, frame: RgbdFrame, tick_s: float, unseen: bool = False) -> Iterator[None]:
         """Let go, and go where the arm hides little from the camera that took the frame.
 

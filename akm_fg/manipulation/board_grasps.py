@@ -60,7 +60,7 @@ def board_grasps(part: ModelPart, config: BoardConfig | None = None) -> list[Boa
     config = config or BoardConfig()
     if not part.contacts:
         return []
-    front = _front(part, part.contacts[0], config)
+    front = front_of(part, part.contacts[0], config)
     if front is None:
         return []
     ways = list(_ways_out(part, front))
@@ -73,7 +73,9 @@ def board_grasps(part: ModelPart, config: BoardConfig | None = None) -> list[Boa
 
 
 @dataclass(frozen=True, slots=True)
-class _Front:
+class Front:
+    """The plane that most of a part's surface lies on, out of which a contact was approached."""
+
     p: FloatArray  # (N, 3) its points, in the part's frame
     normal: FloatArray  # (3,) unit, outwards
     p_contact: FloatArray  # (3,) where it was held
@@ -84,7 +86,8 @@ class _Front:
         return float(np.median(self.p @ self.normal))
 
 
-def _front(part: ModelPart, contact: Contact, config: BoardConfig) -> _Front | None:
+def front_of(part: ModelPart, contact: Contact, config: BoardConfig) -> Front | None:
+    """The front that a contact belongs to; None: too little of one is known."""
     T = contact.T_part_grasp
     approach = T.rotation().matrix()[:, 2]
     surface = part.surface
@@ -100,10 +103,10 @@ def _front(part: ModelPart, contact: Contact, config: BoardConfig) -> _Front | N
     flat = np.abs(depth - most) < config.flat_m
     if flat.sum() < config.least_points:
         return None
-    return _Front(p[flat], np.asarray(normal), T.translation())
+    return Front(p[flat], np.asarray(normal), T.translation())
 
 
-def _ways_out(part: ModelPart, front: _Front) -> Iterator[FloatArray]:
+def _ways_out(part: ModelPart, front: Front) -> Iterator[FloatArray]:
     """Unit vectors (3,) in the front, across the edges that are looked for: off a hinge, and up."""
     joint = part.joint
     if not joint.turns and abs(joint.axis @ front.normal) < LEVELLED:
@@ -124,7 +127,7 @@ def _ways_out(part: ModelPart, front: _Front) -> Iterator[FloatArray]:
 
 
 def _along_edge(
-    front: _Front, out: FloatArray, turn: gtsam.Rot3, config: BoardConfig
+    front: Front, out: FloatArray, turn: gtsam.Rot3, config: BoardConfig
 ) -> Iterator[BoardGrasp]:
     """Pinches beside the contact along one edge."""
     along = np.cross(front.normal, out)

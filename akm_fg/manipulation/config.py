@@ -9,6 +9,7 @@ import numpy as np
 
 from akm_fg.manipulation.board_grasps import BoardConfig
 from akm_fg.manipulation.length_scale import LengthScaleConfig
+from akm_fg.manipulation.pushing import PushConfig
 from akm_fg.planning.move_length import MoveConfig
 from akm_fg.planning.opening_path import HandLimits
 
@@ -57,6 +58,7 @@ class ManipulateConfig:
     search_frames: int = 4  # until a state is found, of each look
     stuck_ticks: int = 5  # without progress before the way's end: it has met something
     stuck_m: float = 0.002  # what counts as progress in that time
+    push: PushConfig = field(default_factory=PushConfig)
     scale: LengthScaleConfig = field(default_factory=LengthScaleConfig)
     move: MoveConfig = field(default_factory=MoveConfig)
     hold: HoldConfig = field(default_factory=HoldConfig)

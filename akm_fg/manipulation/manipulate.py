@@ -14,9 +14,10 @@ from typing import Protocol
 import gtsam
 import numpy as np
 
+from akm_fg.arm.motion.reaching import standoff
 from akm_fg.arm.motion.time_law import duration_s
 from akm_fg.closed_loop import probability_within
-from akm_fg.errors import GraspFailed, MotionInfeasible, TracksLost
+from akm_fg.errors import AkmError, GraspFailed, MotionInfeasible, TracksLost
 from akm_fg.exploration.processor_time import taking
 from akm_fg.interfaces import Arm, Camera
 from akm_fg.io.recording_depth import as_stored
@@ -30,6 +31,7 @@ from akm_fg.manipulation.carried_grasps import (
 )
 from akm_fg.manipulation.config import ManipulateConfig
 from akm_fg.manipulation.length_scale import LengthScale
+from akm_fg.manipulation.pushing import choose_push
 from akm_fg.manipulation.records import Action, Decision, Goal, Hold, Manipulation, Stop
 from akm_fg.model.records import ModelPart
 from akm_fg.planning.move_length import Move, next_move
@@ -156,9 +158,12 @@ class Manipulator:
         return False
 
     def _next(self) -> None:
-        """One move, with a hold taken before it where there is none."""
+        """One move, with a hold taken before it where there is none; where none is had, a push."""
         if not self._arm.holding():
-            self._take_hold()
+            try:
+                self._take_hold()
+            except (GraspFailed, MotionInfeasible) as error:
+                return self._push(error)
         q, sd = self._known()
         blind = self._config.planner == "blind"
         move = self._blind_move(q) if blind else self._borne_move(q, sd)
@@ -168,6 +173,38 @@ class Manipulator:
         if within is None:
             return self._hold_otherwise("the arm gets no farther with this grasp")
         self._move(q, within)
+
+    def _push(self, unheld: AkmError) -> None:
+        """What cannot be held may be pushed, where the way to the target goes into its front.
+
+        Raises:
+            GraspFailed, MotionInfeasible: `unheld`, where that leads nowhere either.
+        """
+        q, _ = self._known()
+        wanted, config = self._goal.state, self._config
+        if config.planner == "blind":
+            raise unheld
+        try:
+            with taking(self._run.time_s, "plan"):
+                T, reach = choose_push(
+                    self._arm, self._part, q, wanted, config.push, config.hold.board
+                )
+            self._decide("push", f"cannot be held ({unheld})", wanted, reach=reach)
+            onward = way_of(self._part, T, q, wanted, config.hold)
+            before = standoff(T, config.push.before_m)
+            with taking(self._run.time_s, "reach"):
+                for _ in self._arm.close_and_reach(before, config.tick_s, onward):
+                    pass
+        except (GraspFailed, MotionInfeasible) as error:
+            log.info("not pushed either: %s", error)
+            raise unheld from error
+        self._run.rounds += 1
+        share = self._arm.can_follow(onward) / len(onward)
+        path = plan_opening(self._part.joint, T, q, q + share * (wanted - q), config.push.hand)
+        with taking(self._run.time_s, "move"):
+            for _ in self._arm.follow(path, config.tick_s):
+                self._look()
+        self._look_clear("what was pushed may be anywhere on its way")
 
     def _borne_move(self, q: float, sd: float) -> Move | None:
         belief = self._run.belief

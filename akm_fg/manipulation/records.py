@@ -11,7 +11,7 @@ from akm_fg.manipulation.board_grasps import BoardGrasp
 from akm_fg.records import Look
 from akm_fg.relocalization.records import StateBelief
 
-Action = Literal["look", "grasp", "move", "pull", "end"]
+Action = Literal["look", "grasp", "move", "pull", "push", "end"]
 
 
 @dataclass(frozen=True, slots=True)

@@ -166,6 +166,20 @@ class SimFranka:
         if not self.holding():
             raise GraspFailed("the fingers met with nothing between them")
 
+    def close_and_reach(
+        self, T_world_wanted: gtsam.Pose3, tick_s: float, onward: Sequence[gtsam.Pose3] = ()
+    ) -> Iterator[None]:
+        """Let go, and move clear of what was seen to a pose, with closed fingers.
+
+        Raises:
+            MotionInfeasible: the pose cannot be reached, or not without touching something.
+            GraspFailed: something was met on the way.
+        """
+        around, options = self._options(T_world_wanted, onward)
+        yield from self._drive.execute(self._release(), tick_s)
+        motion = self._reach_closed(T_world_wanted, options.configurations, around)
+        yield from self._drive.execute(motion, tick_s)
+
     def pull(self, direction_world: FloatArray, distance_m: float, tick_s: float) -> Iterator[None]:
         """Pull gently, starting along a unit vector, and follow where the part lets the hand go.
 
@@ -305,6 +319,16 @@ class SimFranka:
         yield from self._straight(T, choice.standoff_m, c.guarded_m, speed_m_s, c.blocked_m)
         yield from self._straight(T, c.guarded_m, 0.0, c.guarded_m_s, c.blocked_m)
         yield from self._stay(T.matrix(), c.settle_s)
+
+    def _reach_closed(
+        self, T_world_wanted: gtsam.Pose3, goals: Sequence[GraspConfiguration], around: Surroundings
+    ) -> Iterator[FloatArray]:
+        c, T = self.config, T_world_wanted
+        reached = yield from self._free_motion(goals, around)
+        self.gripper.close()
+        speed_m_s = min(c.approach_m_s, self._kept_up_m_s(T, reached))
+        yield from self._straight(T, reached.standoff_m, 0.0, speed_m_s, c.blocked_m)
+        self._q_rest = self._drive.state.q
 
     def _feel(
         self, T_world_grasp: gtsam.Pose3, before_m: float, beyond_m: float, way: FloatArray

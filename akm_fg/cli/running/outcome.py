@@ -120,7 +120,7 @@ def _rounds(ran: Ran) -> tuple[RoundSummary, ...]:
             mean = (decision.state or 0.0) - closed
             rounds.append(RoundSummary(there, mean, decision.state_sd or 0.0, decision.probability))
             commanded = None
-        if decision.action in ("move", "pull"):
+        if decision.action in ("move", "pull", "push"):
             commanded = decision.commanded
     return tuple(rounds)
 

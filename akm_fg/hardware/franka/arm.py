@@ -166,6 +166,26 @@ class FrankaArm:
         if not self.holding():
             raise GraspFailed("the fingers met with nothing between them")
 
+    def close_and_reach(
+        self, T_world_wanted: gtsam.Pose3, tick_s: float, onward: Sequence[gtsam.Pose3] = ()
+    ) -> Iterator[None]:
+        """Let go, and move clear of what was seen to a pose, with closed fingers.
+
+        Raises:
+            MotionInfeasible: the pose cannot be reached, or not without touching something.
+            GraspFailed: something was met on the way.
+            ArmStopped: as `grasp`.
+        """
+        self._planner.grasp(T_world_wanted, self._where_it_starts(), onward)  # refused at rest
+        yield from self._release(tick_s)
+        planned = self._planner.grasp(T_world_wanted, self.measured_joints()[0], onward)
+        yield from self._along(planned.waypoints, tick_s)
+        c = self.config
+        self._closed = True
+        self._link.close_fingers()
+        yield from self._hand.control.hold(c.stiff, c.grasp.patience_s, tick_s)
+        yield from self._hand.approach(T_world_wanted, planned.choice, 0.0, None, tick_s)
+
     def step_aside(self, frame: RgbdFrame, tick_s: float, unseen: bool = False) -> Iterator[None]:
         """Let go, and go where the arm hides little from the camera that took the frame.
 

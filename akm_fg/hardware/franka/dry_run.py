@@ -90,6 +90,20 @@ class DryRunArm:
         yield
         raise DryRunEnded("dry run: the fingers would close here, and nothing was moved")
 
+    def close_and_reach(
+        self, T_world_wanted: gtsam.Pose3, tick_s: float, onward: Sequence[gtsam.Pose3] = ()
+    ) -> Iterator[None]:
+        """Says the way.
+
+        Raises:
+            MotionInfeasible: as the real arm would.
+        """
+        planned = self._planner.grasp(T_world_wanted, self._q, onward)
+        law = self._planner.config.time_law
+        self._tell(f"with closed fingers: {_words(planned.waypoints, law)}")
+        self._q = planned.choice.q_grasp
+        yield
+
     def step_aside(self, frame: RgbdFrame, tick_s: float, unseen: bool = False) -> Iterator[None]:
         """Says where to."""
         here = self.T_world_gripper()

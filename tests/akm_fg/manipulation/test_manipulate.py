@@ -60,6 +60,10 @@ class World:
         self.held = True
         yield
 
+    def close_and_reach(self, T, tick_s, onward=()):
+        self.log.append("close")
+        yield
+
     def relax(self, tick_s):
         self.log.append("relax")
         yield
@@ -74,14 +78,14 @@ class World:
         # Where it comes to rest: short of where it was sent, as friction holds it back.
         goes = (x[0] - x[-1]) - np.sign(x[0] - x[-1]) * self.short
         self.log.append(("follow", round(float(goes), 4)))
-        begin = self.state
+        begin, pushes = self.state, not self.held
         for share in np.linspace(0.0, 1.0, 12)[1:]:
             self.state = min(begin + share * goes, self.stop)
             if self.slips_at is not None and self.state > self.slips_at:
                 self.held, self.slips_at = False, None
                 self.log.append("slip")
             yield
-            if not self.held:
+            if not self.held and not pushes:
                 return
 
 
@@ -296,3 +300,31 @@ def test_a_drawer_at_the_robots_base_is_moved_by_its_edge_and_then_by_its_handle
     assert [hold.by_edge for hold in run.holds] == [True, False]
     by_edge, by_handle = (d.commanded for d in run.decisions if d.action == "move")
     assert by_edge >= CONFIG.hold.board.room_m and by_handle == pytest.approx(0.05)
+
+
+def refused(times=9):
+    return [MotionInfeasible("no free way")] * times
+
+
+def test_what_cannot_be_held_is_pushed_towards_closed_and_looked_at(moved):
+    world = World(0.32)
+    world.blocked = refused()
+    run = moved(world, 0.12)
+    assert [action for action in actions(run) if action != "grasp"] == [
+        "look", "push", "look", "end",
+    ]  # fmt: skip
+    push = next(d for d in run.decisions if d.action == "push")
+    assert "cannot be held" in push.why and "no free way" in push.why
+    assert push.commanded == pytest.approx(0.12)
+    assert run.failure is None and run.rounds == 1 and run.probability > 0.95
+    assert world.state == pytest.approx(0.12)
+    assert world.log.index("close") < world.log.index(("follow", pytest.approx(-0.2)))
+
+
+def test_what_cannot_be_held_is_not_pushed_open_nor_by_the_blind_baseline(moved):
+    for target, config in ((0.42, CONFIG), (0.12, replace(CONFIG, planner="blind"))):
+        world = World(0.32)
+        world.blocked = refused()
+        run = moved(world, target, config)
+        assert "push" not in actions(run)
+        assert run.failure is not None and "no free way" in run.failure
