@@ -20,6 +20,7 @@ import pytest
 
 from akm_fg.cli.main import main
 from akm_fg.records import PinholeCamera, Recording, RgbdFrame
+from tests.akm_fg.cli.test_bad_inputs import _all
 
 pytest.importorskip("rosbags")
 pytest.importorskip("av")
@@ -499,3 +500,14 @@ def test_what_cannot_be_converted_leaves_nothing(
         said = [line for line in captured.err.splitlines() if line.startswith("akm-fg")]
         assert len(said) == 1 and "wrote" not in captured.out, (name, captured.err)
         assert list(tmp_path.iterdir()) == [], name
+
+
+@pytest.mark.slow
+def test_each_alone_is_one_line_and_exit_code_2(
+    bad: dict[str, tuple[Path, str]], tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    ours = _all(tmp_path)
+    assert len(ours) + len(bad) > 200
+    for name, (path, _) in {**ours, **bad}.items():
+        assert main(["fit", str(path)]) == 2, name
+        assert len(capfd.readouterr().err.splitlines()) == 1, name
