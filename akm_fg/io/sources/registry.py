@@ -49,6 +49,8 @@ def open_prepared(
     """
     module = format_of(path)
     if module is None:
+        if (path / "recording.json").exists():
+            raise InputError(path, "is a recording folder already", "another format; fit reads it")
         problem = "is of no format that is known" if path.exists() else "does not exist"
         raise InputError(path, problem, ", ".join(known_formats()))
     options = options or SourceOptions()

@@ -16,7 +16,7 @@ import pytest
 
 from akm_fg.cli.main import main
 from akm_fg.io.conventions import GL_FROM_CV
-from akm_fg.io.recording import read_recording
+from akm_fg.io.recording import read_recording, write_recording
 from akm_fg.io.sources.prepare import Prepared
 from akm_fg.io.sources.registry import read_source
 from akm_fg.records import Recording
@@ -76,6 +76,16 @@ def test_frames_are_chosen_by_time_and_number(tum: Path, tmp_path: Path) -> None
     assert main(["convert", str(tum), out, "--start", "0.05", "--every", "2"]) == 0
     stamps = [frame.stamp_s for frame in read_recording(Path(out)).frames]
     np.testing.assert_allclose(stamps, [1000.1, 1000.3])
+
+
+def test_a_folder_that_is_in_our_format_already_is_told_so(
+    mm_door: Recording, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    write_recording(tmp_path / "door", mm_door)
+    assert main(["convert", str(tmp_path / "door"), str(tmp_path / "out")]) == 2
+    (line,) = capfd.readouterr().err.splitlines()
+    assert "door: is a recording folder already; expected" in line
+    assert not (tmp_path / "out").exists()
 
 
 @pytest.mark.parametrize(
