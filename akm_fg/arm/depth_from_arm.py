@@ -17,6 +17,7 @@ is kept of it. Cells on which something else is seen are left out (Tukey's biwei
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import cv2
@@ -34,6 +35,9 @@ class DepthFromArmConfig:
     """Where the arm is compared, and what is not known of it."""
 
     use: bool = True  # or leave the camera's depth as it is
+    # Pictures whose depth is averaged: the noise of one moves what a metre is by half a millimetre
+    # from one session to the next, and a model that another session made would be off by as much.
+    frames: int = 8
     inner_px: int = 5  # from the outline of each link: depth is mixed there, and edges are off
     cell_px: int = 16  # side of a cell; a stereo camera's depth errs alike within its window
     least_in_cell: int = 60  # pixels
@@ -94,19 +98,19 @@ class _Cells:
 
 
 def depth_from_arm(
-    frame: RgbdFrame,
+    frames: Sequence[RgbdFrame],
     surface: ArmSurface,
     q: FloatArray,
     fingers_m: float,
     errors: CalibrationErrors,
     config: DepthFromArmConfig | None = None,
 ) -> DepthCorrection | None:
-    """How depth is off, from one frame that shows the arm.
+    """How depth is off, from frames that show the arm at rest.
 
     Args:
-        frame: with the robot's own depth in it, undistorted.
+        frames: with the robot's own depth in it, undistorted; `config.frames` of them are enough.
         surface: of the robot.
-        q: joint angles (7,) when it was taken, rad.
+        q: joint angles (7,) when they were taken, rad.
         fingers_m: travel of either finger then.
         errors: what is not known of the camera beforehand.
         config: tuning.
@@ -118,6 +122,7 @@ def depth_from_arm(
     config = config or DepthFromArmConfig()
     if not config.use or not errors.depth_scale_sd > 0.0:
         return None
+    frame = _mean(frames)
     seen = surface.seen(q, fingers_m, frame.camera, frame.T_world_cam)
     cells = _cells(frame, seen, config)
     if len(cells.z) < config.least_cells:
@@ -130,6 +135,14 @@ def depth_from_arm(
     if abs(mean[0]) > config.most_sigmas * errors.depth_scale_sd:
         return None
     return DepthCorrection(float(mean[0]), float(mean[1]), cov[:2, :2], used)
+
+
+def _mean(frames: Sequence[RgbdFrame]) -> RgbdFrame:
+    """The first, with the mean of what depth all of them have; NaN where one has none."""
+    if len(frames) == 1:
+        return frames[0]
+    depth = np.mean([frame.depth_m for frame in frames], axis=0)
+    return replace(frames[0], depth_m=depth.astype(np.float32))
 
 
 def _cells(frame: RgbdFrame, seen: SeenSurface, config: DepthFromArmConfig) -> _Cells:

@@ -202,12 +202,12 @@ def opened_world(
 
 
 def _with_corrected_depth(world: SimEpisode, config: DepthFromArmConfig) -> SimEpisode:
-    if world.calibration is None:
+    if world.calibration is None or not config.use:
         return world
     surface = ArmSurface(world.world.arm_description)
     q, fingers_m = world.arm.measured_joints()[0], world.arm.gripper.opening_m() / 2.0
-    frame = world.camera.measured()
-    correction = depth_from_arm(frame, surface, q, fingers_m, world.calibration, config)
+    frames = [world.camera.measured() for _ in range(config.frames)]
+    correction = depth_from_arm(frames, surface, q, fingers_m, world.calibration, config)
     if correction is None:
         return world
     print(correction.words(), file=sys.stderr, flush=True)

@@ -107,12 +107,12 @@ class FrankaArm:
         return self._planner.silhouette.masked(frame, q, self._link.fingers_m() / 2.0)
 
     def depth_correction(
-        self, frame: RgbdFrame, errors: CalibrationErrors, config: DepthFromArmConfig
+        self, frames: Sequence[RgbdFrame], errors: CalibrationErrors, config: DepthFromArmConfig
     ) -> DepthCorrection | None:
-        """How depth is off where a frame that was just taken shows this arm; see there."""
+        """How depth is off where frames that were just taken show this arm; see there."""
         surface = ArmSurface(self._planner.description)
         q, fingers_m = self.measured_joints()[0], self._link.fingers_m() / 2.0
-        return depth_from_arm(frame, surface, q, fingers_m, errors, config)
+        return depth_from_arm(frames, surface, q, fingers_m, errors, config)
 
     def holding(self) -> bool:
         """Whether something is between the closed fingers."""

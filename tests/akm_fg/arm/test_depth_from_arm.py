@@ -67,7 +67,7 @@ def surface() -> ArmSurface:
 def _told(
     surface: ArmSurface, frame: RgbdFrame, prior: CalibrationErrors = PRIOR
 ) -> DepthCorrection | None:
-    return depth_from_arm(frame, surface, Q, FINGERS_M, prior, CONFIG)
+    return depth_from_arm([frame], surface, Q, FINGERS_M, prior, CONFIG)
 
 
 def test_scale_is_told_five_times_better_than_the_data_sheet_does(surface):
@@ -106,7 +106,7 @@ def test_what_turns_with_the_joints_is_not_taken_for_depth(surface):
     rig = _Rig(offsets_rad=(0.0, np.radians(1.0), 0.0, 0.0, 0.0, 0.0, 0.0))
     frame = rig.frame(surface, np.random.default_rng(2))
     loose = replace(CONFIG, joint_sd_rad=float(np.radians(1.0)))
-    told = depth_from_arm(frame, surface, Q, FINGERS_M, PRIOR, loose)
+    told = depth_from_arm([frame], surface, Q, FINGERS_M, PRIOR, loose)
     assert told is not None
     assert abs(told.scale + told.bias_m) < 3.0 * float(np.sqrt(told.cov.sum()))
     sure = _told(surface, frame)
@@ -132,7 +132,7 @@ def test_nothing_is_told_without_an_arm_or_beyond_what_a_camera_may_err(surface)
     assert _told(surface, far) is None
     assert _told(surface, frame, replace(PRIOR, depth_scale_sd=0.0)) is None
     off = replace(CONFIG, use=False)
-    assert depth_from_arm(frame, surface, Q, FINGERS_M, PRIOR, off) is None
+    assert depth_from_arm([frame], surface, Q, FINGERS_M, PRIOR, off) is None
 
 
 def test_a_correction_corrects_and_leaves_its_own_deviations():
@@ -143,3 +143,19 @@ def test_a_correction_corrects_and_leaves_its_own_deviations():
     left = correction.left(PRIOR)
     assert (left.depth_scale_sd, left.depth_bias_sd_m) == pytest.approx((1e-3, 5e-4))
     np.testing.assert_array_equal(left.cov_world_cam, PRIOR.cov_world_cam)
+
+
+def test_several_frames_say_again_what_they_said_before_better_than_one_does(surface):
+    rng = np.random.default_rng(6)
+    exact = _Rig(scale=0.01).frame(surface, rng).depth_m
+
+    def spread(count: int) -> float:
+        told = []
+        for _ in range(8):
+            frames = [_frame(exact + rng.normal(0, 0.01, exact.shape)) for _ in range(count)]
+            correction = depth_from_arm(frames, surface, Q, FINGERS_M, PRIOR, CONFIG)
+            assert correction is not None
+            told.append(correction.scale + correction.bias_m)
+        return float(np.std(told))
+
+    assert spread(8) < 0.6 * spread(1)  # 0.35 is to be expected
