@@ -48,7 +48,9 @@ class DepthFromArmConfig:
     grazing_rad: float = 1.05  # between look and normal: beyond, a small shift is a large depth
     joint_sd_rad: float = float(np.radians(0.05))  # of a joint's zero: a millimetre at the hand
     mesh_sd_m: float = 1e-3  # of each link's drawn surface: covers, stickers, paint
-    least_sd_m: float = 5e-4  # of a cell, whatever the residuals say
+    # Of a cell, whatever the residuals say: what differs from cell to cell and stays from frame to
+    # frame is not known better, and who trusts it more takes the noise of a session for the arm's.
+    least_sd_m: float = 1.5e-3
     tukey: float = 4.685  # deviations: 95 % efficient for Gaussian noise (Beaton and Tukey, 1974)
     rounds: int = 15
     most_sigmas: float = 4.0  # of the prior: a scale that is farther off is a mistake
