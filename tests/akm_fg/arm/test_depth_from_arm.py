@@ -113,6 +113,29 @@ def test_what_turns_with_the_joints_is_not_taken_for_depth(surface):
     assert sure is None or sure.cov[0, 0] < told.cov[0, 0]
 
 
+@pytest.mark.parametrize("joint", range(7))
+def test_the_surface_goes_with_the_joints_that_carry_it(surface, joint):
+    """What a pixel shows when one joint has turned a little, and what it should by the formula."""
+    step = np.zeros(7)
+    step[joint] = 2e-4
+    after = surface.seen(Q + step, FINGERS_M, CAMERA, T_WORLD_CAM).depth_m
+    seen = surface.seen(Q, FINGERS_M, CAMERA, T_WORLD_CAM)
+    v, u = np.nonzero(np.isfinite(seen.depth_m) & np.isfinite(after))
+    ray = np.column_stack(
+        [(u - CAMERA.cx) / CAMERA.fx, (v - CAMERA.cy) / CAMERA.fy, np.ones(len(u))]
+    )
+    p_world = T_WORLD_CAM.transformFrom((seen.depth_m[v, u, None] * ray).T).T
+    moved_world = surface.turned_by(p_world, seen.link[v, u]) @ step
+    n = seen.normal_cam[v, u]
+    moved = np.einsum("ni,ni->n", n, moved_world @ T_WORLD_CAM.rotation().matrix())
+    foretold = moved / np.einsum("ni,ni->n", n, ray)
+    change = after[v, u] - seen.depth_m[v, u]
+    facing = -np.einsum("ni,ni->n", n, ray) > 0.7
+    off = np.abs(change - foretold)[facing]
+    assert np.median(off) < 1e-6 and np.quantile(off, 0.9) < 2e-5  # m; single precision, edges
+    assert np.abs(foretold[facing]).max() > 2e-5
+
+
 def test_what_stands_before_the_arm_is_left_out(surface):
     frame = _Rig(scale=-0.012).frame(surface, np.random.default_rng(3))
     depth = np.array(frame.depth_m)

@@ -7,8 +7,9 @@ from dataclasses import replace
 import gtsam
 import numpy as np
 import pytest
+from scipy.interpolate import CubicSpline
 
-from akm_fg.arm.body.kinematics import Q_HOME, FrankaKinematics
+from akm_fg.arm.body.kinematics import DDDQ_MAX, DDQ_MAX, DQ_MAX, Q_HOME, FrankaKinematics
 from akm_fg.arm.motion.reference import (
     ReferenceConfig,
     pose_reference,
@@ -185,3 +186,30 @@ def test_a_hand_off_the_path_joins_it_from_rest_without_a_jerk():
     for n, limit in enumerate((most.speed, most.acceleration, most.jerk), start=1):
         assert np.abs(np.diff(p, n, axis=0)).max() / STEP_S**n <= 1.01 * limit
     assert len(reference) * STEP_S < 1.0
+
+
+FREE = WayLimits(1e4, 1e6, 1e9)
+
+
+@pytest.mark.parametrize("path", [door_path(1.0, 0.02, 41), door_path(1.0, 0.6, 41)])
+def test_speed_acceleration_and_jerk_of_every_joint_stay_within_their_shares(path: HandPath):
+    """By the chain rule, with the joints' angles along the way by inverse kinematics."""
+    kinematics, path = FrankaKinematics(), replace(path, limits=FREE)
+    slowed = within_joint_limits(kinematics, path, Q_HOME)
+    assert slowed is not None
+    v, a, j = slowed.limits.speed, slowed.limits.acceleration, slowed.limits.jerk
+    q, angles = Q_HOME, []
+    for T in path.T_world_gripper:
+        q = kinematics.solve(T, q)
+        angles.append(q)
+    spline, s = CubicSpline(path.way, np.array(angles)), np.linspace(0.0, 1.0, 500)
+    d1, d2, d3 = (np.abs(spline(s, n)) for n in (1, 2, 3))
+    shares = [
+        (d1 * v / DQ_MAX).max(),
+        ((d2 * v**2 + d1 * a) / DDQ_MAX).max(),
+        ((d3 * v**3 + 3.0 * d2 * v * a + d1 * j) / DDDQ_MAX).max(),
+    ]
+    # The third derivative of a spline is a step function: not the same through other poses.
+    assert max(shares[:2]) < 0.81 and shares[2] < 0.9
+    assert (d1 * j / DDDQ_MAX).max() < 0.272  # a third of 0.8
+    assert max(shares) > 0.3  # and it is not much slower than it need be
