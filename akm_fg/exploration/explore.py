@@ -27,6 +27,9 @@ from akm_fg.interfaces import Arm, Camera
 from akm_fg.records import CalibrationErrors, RgbdFrame
 
 ALIKE_RAD = 0.3  # between two grasps that fail for the same reason
+# Between two grasps that are one: the sampler finds it a little elsewhere each time, and a hand
+# that felt its way closed as far from it as depth is wrong.
+SAME_M, SAME_RAD = 0.02, 0.15
 EVEN = 0.5  # probability that something opens, from which on nobody says that nothing does
 TICK_S = 1.0  # nobody looks while the arm steps aside
 
@@ -203,7 +206,7 @@ def _tried(
     with taking(exploration.time_s, "grasps"):
         seen = frame if _any_moved(exploration) else exploration.first_look or frame
         grasps = list(explorer.grasps(seen, contact))
-    grasps = _others_first(grasps, exploration, hypothesis)
+    grasps = others_first(grasps, exploration, hypothesis)
     tried, stream = Tried(attempt), explorer.stream(number)
     feel_m = explorer.feel_m(frame, contact)
     Trier(arm, camera, stream, tried, observer, explorer.config, feel_m, belief.while_held).run(
@@ -221,10 +224,14 @@ def _learn(belief: Belief, attempt: Attempt) -> None:
     belief.learn(attempt.hypothesis, attempt.outcome, moved, attempt.held)
 
 
-def _others_first(
+def others_first(
     grasps: list[gtsam.Pose3], exploration: Exploration, hypothesis: Hypothesis
 ) -> list[gtsam.Pose3]:
-    """Grasps least like those that this contact has lost come first; none lost: as they are."""
+    """Grasps least like those that this contact has lost come first; none lost: as they are.
+
+    One that was lost twice is not tried again: what stops the hand on its way, or is not between
+    the fingers, is so the third time.
+    """
     lost = [
         attempt.T_world_grasp
         for attempt in exploration.attempts
@@ -234,13 +241,16 @@ def _others_first(
     if not lost:
         return grasps
 
-    def like(T: gtsam.Pose3) -> bool:
-        turns = (
-            np.linalg.norm(gtsam.Rot3.Logmap(T.rotation().between(x.rotation()))) for x in lost
-        )
-        return bool(min(turns) < ALIKE_RAD)
+    def turn_rad(T: gtsam.Pose3, x: gtsam.Pose3) -> float:
+        return float(np.linalg.norm(gtsam.Rot3.Logmap(T.rotation().between(x.rotation()))))
 
-    return sorted(grasps, key=like)  # stable: the better ones first among equals
+    def same(T: gtsam.Pose3, x: gtsam.Pose3) -> bool:
+        apart_m = float(np.linalg.norm(T.translation() - x.translation()))
+        return apart_m < SAME_M and turn_rad(T, x) < SAME_RAD
+
+    left = [T for T in grasps if sum(same(T, x) for x in lost) < 2]
+    # Stable: the better ones first among equals.
+    return sorted(left, key=lambda T: min(turn_rad(T, x) for x in lost) < ALIKE_RAD)
 
 
 def _conclude(exploration: Exploration, belief: Belief, config: ExploreConfig) -> None:
