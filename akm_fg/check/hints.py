@@ -72,7 +72,8 @@ def _of_depth(found: RecordingCheck, looked: Looked, config: HintConfig) -> list
         some = [frames[i] for i in looked.compared]
         said += [d.text for d in unseen_doubts(some, looked.object_mask, rig.without_depth)]
     trusted = looked.perception.observe.measured_noise.trusted
-    if found.noise_times is not None and found.noise_times > trusted:
+    assumed = trusted > 0.0  # else (--sensor measured) the first picture says it, whatever it is
+    if assumed and found.noise_times is not None and found.noise_times > trusted:
         said.append(
             f"depth is {found.noise_times:.1f} times as noisy as assumed: bounds will be wider; "
             "--sensor says which camera it is"

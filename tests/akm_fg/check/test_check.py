@@ -19,7 +19,8 @@ from akm_fg.cli.fit import FitArguments, _command
 from akm_fg.cli.main import main
 from akm_fg.errors import NoMotionObserved
 from akm_fg.io.recording import write_recording
-from akm_fg.perception.sensors import PROFILES
+from akm_fg.perception.config import PerceptionConfig
+from akm_fg.perception.sensors import PROFILES, with_sensor
 from akm_fg.records import Recording, RgbdFrame
 from tests.akm_fg.conftest import PART, Cabinet, Clip, film
 
@@ -52,6 +53,12 @@ def test_a_sound_recording_is_measured_and_has_no_hints(clip: Clip) -> None:
 
 def hints(recording: Recording, **more: np.ndarray) -> str:
     return "\n".join(check_recording(recording, **more).hints)
+
+
+def test_noise_that_is_taken_from_the_picture_is_no_hint(clip: Clip) -> None:
+    measured = with_sensor(PerceptionConfig(), "measured")
+    found = check_recording(clip.recording, perception=measured)
+    assert found.noise_times is not None and found.hints == ()
 
 
 def test_each_defect_is_named(clip: Clip) -> None:
