@@ -14,8 +14,10 @@ from types import SimpleNamespace
 import pytest
 
 from akm_fg.cli.main import main
-from tests.docs.stand_ins import MAKERS, Stock
 from tests.docs.test_commands import PAGES, ROOT, lines_to_type
+
+pytest.importorskip("pybullet")
+from tests.docs.stand_ins import MAKERS, Stock
 
 # Its commands are run one after another by tests/akm_fg/io/sources/test_convert_command.py.
 ELSEWHERE = ROOT / "docs" / "convert.md"
@@ -51,6 +53,8 @@ def split(words: list[str]) -> tuple[list[str], list[str]]:
 
 @pytest.fixture(scope="module")
 def stock(tmp_path_factory: pytest.TempPathFactory) -> Stock:
+    for library in ("rosbags", "liblzfse", "viser", "rerun"):
+        pytest.importorskip(library)
     return Stock(tmp_path_factory.mktemp("stock"))
 
 
