@@ -19,12 +19,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Protocol
 
 import cv2
 import gtsam
 import numpy as np
 from numpy.typing import NDArray
 
+from akm_fg.arm.body.description import ArmDescription
 from akm_fg.arm.body.model import N_ARM
 from akm_fg.arm.body.surface import ArmSurface, SeenSurface
 from akm_fg.records import BoolArray, CalibrationErrors, FloatArray, RgbdFrame
@@ -97,6 +99,41 @@ class _Cells:
     ray: FloatArray  # (u, v, 1)
     normal: FloatArray
     link: NDArray[np.int64]
+
+
+class MeasuringCamera(Protocol):
+    """A camera that tells what it measures, and takes a correction."""
+
+    def measured(self) -> RgbdFrame:
+        """The scene now, the robot in it, depth as it is measured."""
+        ...
+
+    def correct_depth(self, correction: DepthCorrection) -> None:
+        """From now on, what is captured is corrected so."""
+        ...
+
+
+def correct_by_arm(
+    camera: MeasuringCamera,
+    description: ArmDescription,
+    q: FloatArray,
+    fingers_m: float,
+    errors: CalibrationErrors,
+    config: DepthFromArmConfig,
+) -> DepthCorrection | None:
+    """Correct a camera's depth by an arm that stands still in its view; see `depth_from_arm`.
+
+    Raises:
+        CameraFailed: no picture comes.
+        InputError: the arm's meshes cannot be read.
+    """
+    if not config.use:
+        return None
+    frames = [camera.measured() for _ in range(config.frames)]
+    correction = depth_from_arm(frames, ArmSurface(description), q, fingers_m, errors, config)
+    if correction is not None:
+        camera.correct_depth(correction)
+    return correction
 
 
 def depth_from_arm(

@@ -277,9 +277,9 @@ def _print(summary: RunSummary, folder: Path) -> None:
     if summary.posterior is not None:
         out.print(score_table(summary, plain=out.options.ascii_only))
     if summary.failure is not None:
-        out.print(f"not reached: {summary.failure}", soft_wrap=True, markup=False)
+        out.print(f"not reached: {summary.failure}", soft_wrap=True)
     report = printable(str(folder / "report.html"))
-    out.print(f"report: {report}", soft_wrap=True, markup=False)
+    out.print(f"report: {report}", soft_wrap=True)
 
 
 def _as_dict(name: str, summary: RunSummary) -> dict[str, Any]:

@@ -194,7 +194,7 @@ def _print_rig(rig: Sequence[RigCheck]) -> None:
     out = console()
     for check in rig:
         line = printable(f"{check.state:8s} {check.name}: {check.words}")
-        out.print(line, markup=False, soft_wrap=True, highlight=False)
+        out.print(line, soft_wrap=True, highlight=False)
 
 
 def _print(findings: list[Finding], drawn_by: str, described_by: str) -> None:
@@ -212,7 +212,7 @@ def _print(findings: list[Finding], drawn_by: str, described_by: str) -> None:
     out.print(f"akm-fg {__version__}, Python {platform.python_version()}, {platform.system()}")
     out.print(table)
     out.print(f"Simulated camera drawn by: {drawn_by}")
-    out.print(f"Arm described by: {described_by}", markup=False, soft_wrap=True)
+    out.print(f"Arm described by: {described_by}", soft_wrap=True)
     absent = sorted({f.needed_for for f in findings if f.problem and f.optional})
     for what in absent:
         out.print(f"Without the above, {what} does not run; the estimator does.")

@@ -270,6 +270,4 @@ def _print_table(posteriors: list[ArticulationPosterior], folders: Sequence[Path
     out.print(posterior_table(posteriors, plain=out.options.ascii_only))
     for folder in folders or ():
         if (folder / "report.html").exists():
-            out.print(
-                f"report: {printable(str(folder / 'report.html'))}", soft_wrap=True, markup=False
-            )
+            out.print(f"report: {printable(str(folder / 'report.html'))}", soft_wrap=True)

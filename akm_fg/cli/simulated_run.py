@@ -14,8 +14,7 @@ import numpy as np
 
 from akm_fg import __version__
 from akm_fg.arm.body.limits import MotionRecorder
-from akm_fg.arm.body.surface import ArmSurface
-from akm_fg.arm.depth_from_arm import DepthFromArmConfig, depth_from_arm
+from akm_fg.arm.depth_from_arm import DepthFromArmConfig, correct_by_arm
 from akm_fg.cli.console.lines import tell
 from akm_fg.cli.demo_config import DemoConfig, SimulatorConfig
 from akm_fg.cli.exploring.outcome import fitted_recording
@@ -202,16 +201,14 @@ def opened_world(
 
 
 def _with_corrected_depth(world: SimEpisode, config: DepthFromArmConfig) -> SimEpisode:
-    if world.calibration is None or not config.use:
+    if world.calibration is None:
         return world
-    surface = ArmSurface(world.world.arm_description)
     q, fingers_m = world.arm.measured_joints()[0], world.arm.gripper.opening_m() / 2.0
-    frames = [world.camera.measured() for _ in range(config.frames)]
-    correction = depth_from_arm(frames, surface, q, fingers_m, world.calibration, config)
+    arm = world.world.arm_description
+    correction = correct_by_arm(world.camera, arm, q, fingers_m, world.calibration, config)
     if correction is None:
         return world
     print(correction.words(), file=sys.stderr, flush=True)
-    world.camera.correct_depth(correction)
     return dataclasses.replace(world, calibration=correction.left(world.calibration))
 
 

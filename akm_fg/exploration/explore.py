@@ -23,6 +23,7 @@ from akm_fg.exploration.parts.keep import Keeper, PartModels
 from akm_fg.exploration.processor_time import taking
 from akm_fg.exploration.records import Attempt, Contact, Exploration, Hypothesis
 from akm_fg.exploration.suppression import SuppressedMap
+from akm_fg.grasping.between import between
 from akm_fg.interfaces import Arm, Camera
 from akm_fg.records import CalibrationErrors, RgbdFrame
 
@@ -241,16 +242,13 @@ def others_first(
     if not lost:
         return grasps
 
-    def turn_rad(T: gtsam.Pose3, x: gtsam.Pose3) -> float:
-        return float(np.linalg.norm(gtsam.Rot3.Logmap(T.rotation().between(x.rotation()))))
-
     def same(T: gtsam.Pose3, x: gtsam.Pose3) -> bool:
-        apart_m = float(np.linalg.norm(T.translation() - x.translation()))
-        return apart_m < SAME_M and turn_rad(T, x) < SAME_RAD
+        apart_m, turn_rad = between(T, x)
+        return apart_m < SAME_M and turn_rad < SAME_RAD
 
     left = [T for T in grasps if sum(same(T, x) for x in lost) < 2]
     # Stable: the better ones first among equals.
-    return sorted(left, key=lambda T: min(turn_rad(T, x) for x in lost) < ALIKE_RAD)
+    return sorted(left, key=lambda T: min(between(T, x)[1] for x in lost) < ALIKE_RAD)
 
 
 def _conclude(exploration: Exploration, belief: Belief, config: ExploreConfig) -> None:

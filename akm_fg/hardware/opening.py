@@ -92,8 +92,5 @@ def open_hardware(
         stack.enter_context(camera)
         correction = None
         if isinstance(arm, FrankaArm):  # where a dry run's stands is not known
-            frames = [camera.measured() for _ in range(config.depth_from_arm.frames)]
-            correction = arm.depth_correction(frames, mounted.errors, config.depth_from_arm)
-        if correction is not None:
-            camera.correct_depth(correction)
+            correction = arm.correct_depth_of(camera, mounted.errors, config.depth_from_arm)
         yield HardwareRig(arm, camera, mounted, correction)

@@ -18,6 +18,7 @@ import gtsam
 import numpy as np
 
 from akm_fg.errors import MotionInfeasible
+from akm_fg.grasping.between import between
 from akm_fg.interfaces import Arm
 from akm_fg.manipulation.board_grasps import BoardGrasp, board_grasps
 from akm_fg.manipulation.config import HoldConfig
@@ -211,9 +212,8 @@ def _in_turn(
 
 
 def _same(one: gtsam.Pose3, other: gtsam.Pose3) -> bool:
-    between = one.between(other)
-    turn = float(np.linalg.norm(gtsam.Rot3.Logmap(between.rotation())))
-    return bool(np.linalg.norm(between.translation()) < SAME_M) and turn < SAME_RAD
+    apart_m, turn_rad = between(one, other)
+    return apart_m < SAME_M and turn_rad < SAME_RAD
 
 
 SAME_M = 0.01  # grasps nearer than this fail for the same reason

@@ -9,7 +9,6 @@ import numpy as np
 
 from akm_fg.manipulation.board_grasps import BoardConfig
 from akm_fg.manipulation.length_scale import LengthScaleConfig
-from akm_fg.manipulation.pushing import PushConfig
 from akm_fg.planning.move_length import MoveConfig
 from akm_fg.planning.opening_path import HandLimits
 
@@ -41,6 +40,28 @@ class HoldConfig:
     along_rad: tuple[float, ...] = tuple(np.deg2rad([0.0, 25.0, -25.0, 45.0, -45.0]))
     about_rad: tuple[float, ...] = tuple(np.deg2rad([0.0, 20.0, -20.0]))
     board: BoardConfig = field(default_factory=BoardConfig)
+
+
+@dataclass(frozen=True, slots=True)
+class PushConfig:
+    """A push on a front."""
+
+    before_m: float = 0.015  # the fingertips, from the front as it is seen, before they push
+    tip_m: float = 0.0072  # from the grasp point to the fingertips of a Franka's hand
+    clear_m: float = 0.045  # around the fingertips: nothing sticks out of the front, and it goes on
+    sticks_out_m: float = 0.012
+    quarter_points: int = 3  # of the front in each quarter around
+    facing: float = 0.8  # cosine between a push and the way the place goes
+    apart_m: float = 0.06  # between places that are asked for
+    most: int = 16  # of the planner
+    least: float = 0.3  # of the way within reach
+    enough: float = 0.98
+    # What is pushed goes on by itself where the hand slows down faster than friction slows the
+    # part: slow, and slower still at the end.
+    hand: HandLimits = field(
+        default_factory=lambda: HandLimits(speed_m_s=0.04, acceleration_m_s2=0.05, jerk_m_s3=0.3)
+    )
+    rolls_rad: tuple[float, ...] = (0.0, float(np.pi / 2.0), float(np.pi / 4.0))
 
 
 @dataclass(frozen=True, slots=True)

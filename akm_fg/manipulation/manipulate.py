@@ -186,9 +186,7 @@ class Manipulator:
             raise unheld
         try:
             with taking(self._run.time_s, "plan"):
-                T, reach = choose_push(
-                    self._arm, self._part, q, wanted, config.push, config.hold.board
-                )
+                T, reach = choose_push(self._arm, self._part, q, wanted, config.push, config.hold)
             self._decide("push", f"cannot be held ({unheld})", wanted, reach=reach)
             onward = way_of(self._part, T, q, wanted, config.hold)
             before = standoff(T, config.push.before_m)

@@ -8,8 +8,6 @@ it did is seen when the hand has left.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
-
 import gtsam
 import numpy as np
 from scipy.spatial import cKDTree
@@ -17,36 +15,15 @@ from scipy.spatial import cKDTree
 from akm_fg.arm.motion.reaching import standoff
 from akm_fg.errors import MotionInfeasible
 from akm_fg.interfaces import Arm
-from akm_fg.manipulation.board_grasps import BoardConfig, Front, front_of
+from akm_fg.manipulation.board_grasps import Front, front_of
+from akm_fg.manipulation.carried_grasps import way_of
+from akm_fg.manipulation.config import HoldConfig, PushConfig
 from akm_fg.model.records import ModelPart
-from akm_fg.planning.opening_path import HandLimits
 from akm_fg.records import FloatArray
 
 
-@dataclass(frozen=True, slots=True)
-class PushConfig:
-    """A push on a front."""
-
-    before_m: float = 0.015  # the fingertips, from the front as it is seen, before they push
-    tip_m: float = 0.0072  # from the grasp point to the fingertips of a Franka's hand
-    clear_m: float = 0.045  # around the fingertips: nothing sticks out of the front, and it goes on
-    sticks_out_m: float = 0.012
-    quarter_points: int = 3  # of the front in each quarter around
-    facing: float = 0.8  # cosine between a push and the way the place goes
-    apart_m: float = 0.06  # between places that are asked for
-    most: int = 16  # of the planner
-    least: float = 0.3  # of the way within reach
-    enough: float = 0.98
-    # What is pushed goes on by itself where the hand slows down faster than friction slows the
-    # part: slow, and slower still at the end.
-    hand: HandLimits = field(
-        default_factory=lambda: HandLimits(speed_m_s=0.04, acceleration_m_s2=0.05, jerk_m_s3=0.3)
-    )
-    rolls_rad: tuple[float, ...] = (0.0, float(np.pi / 2.0), float(np.pi / 4.0))
-
-
 def choose_push(
-    arm: Arm, part: ModelPart, q: float, q_target: float, config: PushConfig, board: BoardConfig
+    arm: Arm, part: ModelPart, q: float, q_target: float, config: PushConfig, hold: HoldConfig
 ) -> tuple[gtsam.Pose3, float]:
     """The hand's pose with its tips on the front, and the share of the way that it gets to.
 
@@ -56,12 +33,12 @@ def choose_push(
         q: its state.
         q_target: where it should be: nearer to closed.
         config: tuning.
-        board: how a front is found.
+        hold: how a front is found, and how many poses of the way are asked for.
 
     Raises:
         MotionInfeasible: the part has no front that goes that way, or the arm gets to none.
     """
-    front = front_of(part, part.contacts[0], board) if part.contacts else None
+    front = front_of(part, part.contacts[0], hold.board) if part.contacts else None
     if front is None:
         raise MotionInfeasible("no front is known that could be pushed")
     best: tuple[gtsam.Pose3, float] | None = None
@@ -73,9 +50,7 @@ def choose_push(
                 break
             asked += 1
             T = part.T_world_part(q) * _pose(p_part, front.normal, roll, config)
-            steps = np.linspace(0.0, q_target - q, 13)[1:]
-            R, t = part.joint.joint.motion(steps)
-            way = [gtsam.Pose3(gtsam.Rot3(a), b) * T for a, b in zip(R, t, strict=True)]
+            way = way_of(part, T, q, q_target, hold)
             try:
                 reach = arm.reachable(standoff(T, config.before_m), way)
             except MotionInfeasible as error:

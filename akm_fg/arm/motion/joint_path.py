@@ -16,7 +16,7 @@ import numpy as np
 import ruckig
 
 from akm_fg.arm.body.kinematics import DDDQ_MAX, DDQ_MAX, DQ_MAX, limit_margin_rad
-from akm_fg.arm.motion.time_law import jerk_limited
+from akm_fg.arm.motion.time_law import sampled
 from akm_fg.errors import MotionInfeasible
 from akm_fg.records import FloatArray
 
@@ -83,11 +83,9 @@ def _leg(step: FloatArray, step_s: float, config: TimeLawConfig) -> FloatArray:
     inp.max_velocity = [float((config.speed * DQ_MAX / reach).min())]
     inp.max_acceleration = [float((config.acceleration * DDQ_MAX / reach).min())]
     inp.max_jerk = [float((config.jerk * DDDQ_MAX / reach).min())]
-    trajectory = jerk_limited(inp)
-    count = int(np.ceil(trajectory.duration / step_s))
-    samples = [trajectory.at_time(min(k * step_s, trajectory.duration)) for k in range(1, count)]
-    law = np.array([[s[0], v[0], a[0]] for s, v, a in samples]).reshape(-1, 3)
-    return np.vstack([law, [1.0, 0.0, 0.0]])
+    law = sampled(inp, step_s)[1:, :, 0]
+    law[-1] = [1.0, 0.0, 0.0]  # exactly
+    return law
 
 
 def _starts(legs: list[tuple[FloatArray, FloatArray]], corner_rad: float) -> list[int]:

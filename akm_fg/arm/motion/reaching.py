@@ -13,6 +13,7 @@ from akm_fg.arm.body.collision import resampled
 from akm_fg.arm.body.kinematics import Q_HOME, Q_MAX, Q_MIN, FrankaKinematics, limit_margin_rad
 from akm_fg.arm.body.model import N_ARM
 from akm_fg.arm.motion.surroundings import Surroundings
+from akm_fg.arm.motion.time_law import sampled
 from akm_fg.errors import MotionInfeasible
 from akm_fg.records import FloatArray
 
@@ -288,13 +289,7 @@ def _starts(count: int) -> Iterator[FloatArray]:
 
 def line_motion(length_m: float, step_s: float, speed_m_s: float) -> Iterator[float]:
     """Jerk-limited way along a line from 0 to `length_m`, every `step_s`."""
-    otg = ruckig.Ruckig(1, step_s)
     inp = ruckig.InputParameter(1)
     inp.target_position = [length_m]
     inp.max_velocity, inp.max_acceleration, inp.max_jerk = [speed_m_s], [0.3], [3.0]
-    out = ruckig.OutputParameter(1)
-    result = ruckig.Result.Working
-    while result == ruckig.Result.Working:
-        result = otg.update(inp, out)
-        yield float(out.new_position[0])
-        out.pass_to_input(inp)
+    yield from sampled(inp, step_s)[1:, 0, 0].tolist()

@@ -21,7 +21,7 @@ from scipy.interpolate import CubicSpline
 from scipy.spatial.transform import Rotation
 
 from akm_fg.arm.body.kinematics import DDDQ_MAX, DDQ_MAX, DQ_MAX, FrankaKinematics
-from akm_fg.arm.motion.time_law import jerk_limited
+from akm_fg.arm.motion.time_law import sampled
 from akm_fg.records import FloatArray, HandPath, WayLimits
 
 N_LAW = 7  # the way, and what the hand is off: m along three axes, and a rotation vector
@@ -91,7 +91,7 @@ class PoseReference:
         state = self.law[min(step, len(self) - 1)]
         wanted = _asked(state, self._limits)
         wanted.control_interface = ruckig.ControlInterface.Velocity
-        law = _sampled(wanted, self.step_s)
+        law = sampled(wanted, self.step_s)
         return _reference(self._geometry, law, self._limits, self.step_s)
 
 
@@ -115,7 +115,7 @@ def pose_reference(
     limits = np.array([[one.speed, one.acceleration, one.jerk] for one in each]).T
     wanted = _asked(state, limits)
     wanted.target_position = [geometry.length, *[0.0] * (N_LAW - 1)]
-    return _reference(geometry, _sampled(wanted, step_s), limits, step_s)
+    return _reference(geometry, sampled(wanted, step_s), limits, step_s)
 
 
 def _asked(state: FloatArray, limits: FloatArray) -> ruckig.InputParameter:
@@ -127,14 +127,6 @@ def _asked(state: FloatArray, limits: FloatArray) -> ruckig.InputParameter:
     wanted.max_jerk = limits[2].tolist()
     wanted.synchronization = ruckig.Synchronization.No
     return wanted
-
-
-def _sampled(wanted: ruckig.InputParameter, step_s: float) -> FloatArray:
-    """The law (N, 3, 7) at every control step, from now to its end."""
-    trajectory = jerk_limited(wanted)
-    count = max(int(np.ceil(trajectory.duration / step_s - 1e-9)), 1) + 1
-    times_s = np.minimum(step_s * np.arange(count), trajectory.duration)
-    return np.array([trajectory.at_time(t) for t in times_s.tolist()])
 
 
 def _reference(

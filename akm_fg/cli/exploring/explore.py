@@ -361,7 +361,7 @@ def _print(request: ExploreRequest | RobotRequest, explored: Explored) -> None:
 
     def say(text: str) -> None:
         lines = "\n".join(map(printable, text.splitlines()))
-        out.print(lines, soft_wrap=True, markup=False, highlight=False)
+        out.print(lines, soft_wrap=True, highlight=False)
 
     exploration = explored.exploration
     words = f"{exploration.pulls} pulls of {len(exploration.attempts)} tries"

@@ -123,7 +123,7 @@ def _print(arguments: CheckArguments, found: RecordingCheck) -> None:
         out.print("nothing was found that will hinder a fit")
     if arguments.out is not None:
         place = printable(str(arguments.out / OVERLAY))
-        out.print(f"overlay: {place}", soft_wrap=True, markup=False)
+        out.print(f"overlay: {place}", soft_wrap=True)
 
 
 def _rows(found: RecordingCheck) -> list[tuple[str, str]]:

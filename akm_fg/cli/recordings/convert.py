@@ -151,7 +151,7 @@ def print_understood(understood: Understood) -> None:
     for name, words in understood.lines():
         table.add_row(name, Text(printable(words)))
     out = console()
-    out.print(printable(understood.input), markup=False, soft_wrap=True)
+    out.print(printable(understood.input), soft_wrap=True)
     out.print(table)
 
 

@@ -200,22 +200,22 @@ def _print(request: ManipulateRequest, ran: Ran, report: Path | None) -> None:
             if last is not None and last.mean is not None:
                 at = state(last.mean - part.closed_state, part.joint.kind.unit)
                 line += f"; last known {at}"
-        out.print(line, soft_wrap=True, markup=False)
+        out.print(line, soft_wrap=True)
     words = f"{run.rounds} moves, {run.clear_looks} looks, {run.regrasps} regrasps"
     if ran.reached:
         p = f"within tolerance with probability {run.probability:.3f}"
-        out.print(f"reached: {p} ({words})", soft_wrap=True, markup=False)
+        out.print(f"reached: {p} ({words})", soft_wrap=True)
     else:
-        out.print(f"not reached: {ran.failure} ({words})", soft_wrap=True, markup=False)
+        out.print(f"not reached: {ran.failure} ({words})", soft_wrap=True)
     for line in beside_lines(ran):
-        out.print(line, soft_wrap=True, markup=False)
+        out.print(line, soft_wrap=True)
     if ran.learned is not None:
-        out.print(f"learned: {ran.learned}", soft_wrap=True, markup=False)
+        out.print(f"learned: {ran.learned}", soft_wrap=True)
     if report is not None:
-        out.print(f"report: {printable(str(report))}", soft_wrap=True, markup=False)
+        out.print(f"report: {printable(str(report))}", soft_wrap=True)
     elif ran.explored is not None:
         path = request.explore.folder / "report.html"
-        out.print(f"report: {printable(str(path))}", soft_wrap=True, markup=False)
+        out.print(f"report: {printable(str(path))}", soft_wrap=True)
 
 
 # Flags with a value, that a command line which repeats a run needs.

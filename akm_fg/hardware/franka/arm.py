@@ -14,11 +14,11 @@ import gtsam
 import numpy as np
 
 from akm_fg.arm.body.kinematics import FrankaKinematics
-from akm_fg.arm.body.surface import ArmSurface
 from akm_fg.arm.depth_from_arm import (
     DepthCorrection,
     DepthFromArmConfig,
-    depth_from_arm,
+    MeasuringCamera,
+    correct_by_arm,
 )
 from akm_fg.arm.motion.pulling import Pull
 from akm_fg.arm.motion.reaching import standoff
@@ -106,13 +106,12 @@ class FrankaArm:
         q = self.measured_joints()[0]
         return self._planner.silhouette.masked(frame, q, self._link.fingers_m() / 2.0)
 
-    def depth_correction(
-        self, frames: Sequence[RgbdFrame], errors: CalibrationErrors, config: DepthFromArmConfig
+    def correct_depth_of(
+        self, camera: MeasuringCamera, errors: CalibrationErrors, config: DepthFromArmConfig
     ) -> DepthCorrection | None:
-        """How depth is off where frames that were just taken show this arm; see there."""
-        surface = ArmSurface(self._planner.description)
+        """Correct the depth of a camera that sees this arm at rest; see `correct_by_arm`."""
         q, fingers_m = self.measured_joints()[0], self._link.fingers_m() / 2.0
-        return depth_from_arm(frames, surface, q, fingers_m, errors, config)
+        return correct_by_arm(camera, self._planner.description, q, fingers_m, errors, config)
 
     def holding(self) -> bool:
         """Whether something is between the closed fingers."""
