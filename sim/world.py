@@ -20,6 +20,7 @@ from sim.camera.robot_meshes import light_panda_urdf
 from sim.objects.imported.imported_spec import ImportOptions
 from sim.objects.mechanisms import resistance
 from sim.objects.part_spec import Mechanism, PartSpec, mechanisms
+from sim.objects.slope import HOLDS, slope_load
 from sim.objects.staging import PlacementMode, find_spec, stage
 from sim.objects.urdf.urdf_files import part_joint
 from sim.robot.contacts import finger_links, nearby
@@ -231,7 +232,7 @@ class SimWorld:
 
     def _furnish(self) -> None:
         """Coulomb friction as a velocity motor of bounded force; viscous damping; contact."""
-        for joint, part in zip(self.part_joints, self._mechanisms, strict=True):
+        for i, (joint, part) in enumerate(zip(self.part_joints, self._mechanisms, strict=True)):
             if self._locked:
                 self._lock(joint)
             else:
@@ -240,7 +241,7 @@ class SimWorld:
                     joint,
                     p.VELOCITY_CONTROL,
                     targetVelocity=0.0,
-                    force=part.friction,
+                    force=max(part.friction, HOLDS * self._slope_load(i)),
                     physicsClientId=self.client,
                 )
             p.changeDynamics(
@@ -256,6 +257,20 @@ class SimWorld:
         p.changeDynamics(
             self.object_id, -1, lateralFriction=self.spec.handle_mu, physicsClientId=self.client
         )
+
+    def _slope_load(self, part: int) -> float:
+        """What gravity adds along a part's joint because the object does not stand level."""
+        mechanism, truth = self._mechanisms[part], self.truth(part)
+        if mechanism.balanced:
+            return 0.0
+        lever_m = None
+        if truth.pivot is not None:
+            joint = self.part_joints[part]
+            state = p.getLinkState(self.object_id, joint, physicsClientId=self.client)
+            lever_m = float(np.linalg.norm(np.cross(state[0] - truth.pivot, truth.axis)))
+        axis_object = [self.built.axis_object, *self.built.more_axes_object][part]
+        weight_n = self.config.gravity_m_s2 * mechanism.mass_kg
+        return slope_load(weight_n, axis_object, truth.axis, lever_m)
 
     def jam(self, part: int = 0) -> None:
         """A part goes no farther from where it is, either way."""

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from sim.bullet import p
+from sim.objects.slope import slope_load
 from sim.objects.suites.catalogue import find_suite
 from sim.robot.contacts import nearby
 from sim.world import SimWorld
@@ -84,3 +85,22 @@ def test_an_arm_in_the_way_of_a_part_that_is_put_elsewhere_is_put_out_of_it():
         assert turned() == home and apart_m() > 0.0  # nothing is in the way yet
         world.put_part(0.3)
         assert turned() != home and apart_m() > 0.0
+
+
+def test_a_sliding_door_stays_shut_where_its_cabinet_leans():
+    """Its weight on the slope, 8 N, is more than the 4.8 N of friction of its rail."""
+    with SimWorld("furniture-dev/slide-002", 1, placement="published") as world:
+        assert abs(world.truth().axis[2]) > 0.04
+        for _ in range(1000):
+            world.step()
+        assert abs(world.part_state()) < 1e-3
+
+
+def test_a_lean_loads_what_it_tips_and_nothing_else():
+    """Half the weight along a rail at 30 deg; a flap's hinge that leans carries less, not more."""
+    across, along, out = np.eye(3)  # x, y, z
+    tipped = gtsam.Rot3.Ry(np.deg2rad(30.0)).matrix()
+    assert slope_load(10.0, across, tipped @ across, None) == pytest.approx(5.0)
+    assert slope_load(10.0, along, tipped @ along, None) == 0.0  # turned about itself
+    assert slope_load(10.0, out, tipped @ out, 0.4) == pytest.approx(10.0 * 0.4 * 0.5)
+    assert slope_load(10.0, across, tipped @ across, 0.4) == 0.0
