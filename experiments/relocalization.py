@@ -192,6 +192,7 @@ def table(rows: Sequence[RelocalizationRow]) -> str:
         their_s = [row.baseline_s for row in of if row.baseline_s is not None]
         own_s = [row.search_s for row in of]
         update_s = [row.update_s for row in of if row.update_s is not None]
+        updated = [row.updated - row.state for row in of if row.updated is not None]
         right = [row.off is not None and abs(row.off) < RIGHT[turns] for row in of]
         lines.append(
             [
@@ -203,13 +204,16 @@ def table(rows: Sequence[RelocalizationRow]) -> str:
                 percent(share([z < 3.84 for z in z2])) if z2 else "",
                 f"{np.median(own_s):.2f}",
                 f"{1e3 * np.median(update_s):.0f}" if update_s else "",
+                f"{unit * np.median(np.abs(updated)):.2f}" if updated else "",
                 f"{unit * np.median(np.abs(theirs)):.2f}" if theirs else "",
                 percent(share([abs(e) < RIGHT[turns] for e in theirs])) if theirs else "",
                 f"{np.median(their_s) / np.median(own_s):.0f}" if their_s else "",
+                f"{np.median(their_s) / np.median(update_s):.0f}" if their_s and update_s else "",
             ]
         )
     header = ["joint", "states", "right %", "median error", "median z2 (0.45)", "inside 95 %"]
-    header += ["search s", "update ms", "Algorithm 3: median error", "right %", "times as long"]
+    header += ["search s", "update ms", "its median error", "Algorithm 3: median error", "right %"]
+    header += ["its time / search", "its time / update"]
     return markdown(header, lines)
 
 
