@@ -6,6 +6,7 @@ made by the page's own line that writes it, cut down as well.
 
 from __future__ import annotations
 
+import importlib
 import os
 import shlex
 import shutil
@@ -123,3 +124,22 @@ def test_a_line_runs(line: str, bench: Bench) -> None:
     words = shlex.split(line)
     if "--out" in words:
         assert (bench.folder / words[words.index("--out") + 1]).exists()
+
+
+@pytest.mark.parametrize("module", ["stream", "surface_gain", "claims.rig_errors"])
+def test_without_recordings_it_says_what_makes_them(
+    module: str, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(sys, "argv", [module, "--recordings", "nowhere"])
+    with pytest.raises(SystemExit, match=r"has no recordings: run experiments\."):
+        importlib.import_module(f"experiments.{module}").main()
+
+
+def test_without_rows_the_bound_says_what_makes_them(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(sys, "argv", ["cramer_rao"])
+    with pytest.raises(SystemExit, match=r"run experiments\.accuracy_grid"):
+        importlib.import_module("experiments.claims.cramer_rao").main()
