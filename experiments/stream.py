@@ -268,9 +268,16 @@ def main() -> None:
     parser.add_argument("--long-every", type=int, default=default.long_every)
     parser.add_argument("--out", type=Path, default=default.out)
     config = StreamConfig(**vars(parser.parse_args()))
-    run(config)
+    try:
+        run(config)
+    except NoRows as nothing:
+        raise SystemExit(f"stream: {nothing}") from nothing
     rows = read_rows(config.out)
-    print(agreement_table(rows), speed_table(rows), sep="\n\n")
+    for table in (agreement_table, speed_table):
+        try:
+            print(table(rows), end="\n\n")
+        except NoRows as nothing:
+            print(nothing, end="\n\n")
 
 
 if __name__ == "__main__":

@@ -213,7 +213,10 @@ def main() -> None:
     parser.add_argument("--limit", type=int, default=default.limit, help="so many recordings")
     parser.add_argument("--out", type=Path, default=default.out)
     arguments = vars(parser.parse_args())
-    run(SurfaceGainConfig(**{**arguments, "methods": tuple(arguments["methods"])}))
+    try:
+        run(SurfaceGainConfig(**{**arguments, "methods": tuple(arguments["methods"])}))
+    except NoRows as nothing:
+        raise SystemExit(f"surface_gain: {nothing}") from nothing
 
 
 if __name__ == "__main__":

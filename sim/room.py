@@ -48,6 +48,8 @@ def add_room(
     room = _Room(client, folder)
     room.add("floor", images[0], [16.0, 16.0, 0.05], _above(ground - 0.025), [4])
     room.add("wall", images[1], [16.0, 0.05, 4.0], T * behind, [3])
+    if plinth <= 0.0 <= ground:
+        return room.looks
     grey = np.asarray(0.55 * plaster(rng), dtype=np.uint8)
     if plinth > 0.0:
         size, T_plinth = [width, 0.9 * depth, plinth], T * _above(-plinth / 2.0)

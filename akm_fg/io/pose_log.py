@@ -11,6 +11,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from akm_fg.errors import InputError
+from akm_fg.io.files.kind import looks_like
 from akm_fg.io.logs.layouts import poses_of
 from akm_fg.io.logs.plausible import order_note
 from akm_fg.io.logs.rows import ROW, Rows, read_rows, read_text
@@ -30,7 +31,7 @@ def read_pose_log(path: Path, options: ReadOptions | None = None) -> PoseTrack:
     text = read_text(path)
     rows = read_rows(path, text)
     if len(rows.lines) < MIN_ROWS:
-        raise _too_few(path, rows)
+        raise _too_few(path, rows, text)
     poses = poses_of(path, rows, options)
     if rows.millimetres and options.unit is None:
         options = replace(options, unit="mm")
@@ -40,8 +41,8 @@ def read_pose_log(path: Path, options: ReadOptions | None = None) -> PoseTrack:
     return PoseTrack(p_world, poses.rotations, poses.stamps_s, notes)
 
 
-def _too_few(path: Path, rows: Rows) -> InputError:
-    problem = "has only one row" if rows.lines else "has no rows"
+def _too_few(path: Path, rows: Rows, text: str) -> InputError:
+    problem = "has only one row" if rows.lines else f"has no rows{looks_like(text[:64].encode())}"
     if rows.left_out:
         problem += f" ({rows.left_out} with NaN left out)"
     return InputError(path, problem, f"at least {MIN_ROWS} rows, {ROW}")

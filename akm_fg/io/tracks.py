@@ -64,6 +64,9 @@ def _points(path: Path, arrays: dict[str, NDArray[Any]]) -> tuple[str, FloatArra
         raise InputError(path, f"has both `{names[0]}` and `{names[1]}`", "one of them")
     (name,) = names
     points = _numbers(path, name, arrays[name])
+    if arrays[name].dtype.itemsize == 1:  # hold no millimetres: a picture, or numbers cut off
+        problem = f"`{name}` is of type {arrays[name].dtype}"
+        raise InputError(path, problem, "metres, or millimetres in 16 bits or more")
     if points.ndim == 4 and points.shape[0] == 1:
         points = points[0]  # trackers write a batch of one
     if points.ndim != 3 or points.shape[2] != 3 or points.shape[1] == 0:

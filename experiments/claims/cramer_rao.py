@@ -153,7 +153,10 @@ def main() -> None:
     """Print the table."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--rows", type=Path, default=Path("runs/accuracy"))
-    print(ratio_table(read_rows(parser.parse_args().rows)))
+    try:
+        print(ratio_table(read_rows(parser.parse_args().rows)))
+    except NoRows as nothing:
+        raise SystemExit(f"cramer_rao: {nothing}") from nothing
 
 
 if __name__ == "__main__":

@@ -3,14 +3,18 @@
 from __future__ import annotations
 
 import re
+import shutil
 from collections.abc import Callable
 from pathlib import Path
 
+import gtsam
 import numpy as np
 import pytest
 
 import akm_fg
+from akm_fg.cli.main import main
 from akm_fg.model.write import write_model
+from akm_fg.records import PinholeCamera, RgbdFrame
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -89,3 +93,52 @@ def test_the_skeletons_of_a_robot_have_what_the_protocols_ask_for() -> None:
     for protocol, skeleton in ((Arm, names["MyArm"]), (Camera, names["MyCamera"])):
         asked = {n for n in vars(protocol) if not n.startswith("_")}
         assert asked <= set(vars(skeleton))
+
+
+@pytest.mark.parametrize("page", ["exploration", "manipulation", "howto/source"])
+def test_what_a_page_imports_is_there(page: str) -> None:
+    assert run(f"docs/{page}.md")
+
+
+def test_the_arm_of_another_urdf_is_taken_out_of_a_frame(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    pytest.importorskip("pinocchio")
+    from akm_fg.arm.body.description import franka_description
+    from akm_fg.arm.body.kinematics import Q_HOME
+
+    arm = franka_description()
+    shutil.copytree(arm.urdf.parent, tmp_path, dirs_exist_ok=True)
+    file = tmp_path / "panda.urdf"
+    file.write_text(file.read_text().replace(arm.gripper_frame, "panda_hand_tcp"))
+    monkeypatch.chdir(tmp_path)
+    camera = PinholeCamera(80, 60, 75.0, 75.0, 39.5, 29.5)
+    T_world_cam = gtsam.Pose3(gtsam.Rot3.Rx(-np.pi / 2), np.array([0.4, -1.0, 0.5]))
+    depth_m = np.full((60, 80), 2.0, np.float32)
+    frame = RgbdFrame(0.0, np.zeros((60, 80, 3), np.uint8), depth_m, camera, T_world_cam)
+    names = run("docs/franka.md", {"frame": frame, "q": Q_HOME, "fingers_m": 0.02})
+    hidden = np.isnan(names["ArmSilhouette"](names["arm"]).masked(frame, Q_HOME, 0.02).depth_m)
+    assert 0 < hidden.sum() < hidden.size
+
+
+def test_the_exported_door_is_loaded(kitchen: Path) -> None:
+    for package in ("pybullet", "mujoco", "trimesh"):
+        pytest.importorskip(package)
+    for flag, folder in (("--urdf", "door_urdf"), ("--mjcf", "door_mjcf")):
+        words = ["export", "runs/my_tum", flag, folder, "--collision", "hull"]
+        assert main(words) == 0
+    names = run("docs/howto/urdf.md")
+    pybullet, client = names["pybullet"], names["client"]
+    state = pybullet.getJointState(names["door"], 0, physicsClientId=client)[0]
+    pybullet.disconnect(client)
+    assert state == pytest.approx(0.3) and names["model"].njnt == 1
+
+
+def test_every_page_with_python_is_run_here_or_where_its_robot_is() -> None:
+    """docs/model.md by model/test_model_docs.py; docs/hardware.md has an address of a robot."""
+    elsewhere = {"docs/model.md", "docs/hardware.md"}
+    pages = [ROOT / "README.md", *(ROOT / "docs").rglob("*.md")]
+    with_python = {str(p.relative_to(ROOT)) for p in pages if "```python" in p.read_text()}
+    told = Path(__file__).read_text()
+    for page in with_python - elsewhere:
+        assert page in told or f'"{page.removeprefix("docs/").removesuffix(".md")}"' in told, page

@@ -7,6 +7,7 @@ import importlib
 import importlib.util
 import re
 import shlex
+import subprocess
 from configparser import ConfigParser
 from dataclasses import fields
 from pathlib import Path
@@ -42,9 +43,10 @@ def lines_to_type(page: Path) -> list[str]:
 
 
 def words_of_code(page: Path) -> list[str]:
-    """What stands in single quotes in the running text."""
+    """What stands in single quotes in the running text, commands without their folder."""
     prose = FENCE.sub("\n", page.read_text())
-    return [" ".join(code.split()) for code in re.findall(r"(?<!`)`([^`]+)`(?!`)", prose)]
+    found = [" ".join(code.split()) for code in re.findall(r"(?<!`)`([^`]+)`(?!`)", prose)]
+    return [code.removeprefix(".venv/bin/") for code in found]
 
 
 def typed(start: str) -> list[object]:
@@ -89,8 +91,11 @@ def test_a_command_is_one_that_the_program_takes(line: str, capfd: pytest.Captur
 @pytest.mark.parametrize("line", typed("python -m "))
 def test_an_experiment_exists_and_has_the_flags(line: str) -> None:
     module, *words = shlex.split(line, comments=True)[2:]
-    if module.partition(".")[0] not in ("experiments", "sim"):
-        return
+    if module.partition(".")[0] in ("experiments", "sim"):
+        check_experiment(module, words)
+
+
+def check_experiment(module: str, words: list[str]) -> None:
     found = importlib.util.find_spec(module)
     assert found is not None and found.origin is not None, f"there is no {module}"
     source = Path(found.origin).read_text()
@@ -102,6 +107,26 @@ def test_an_experiment_exists_and_has_the_flags(line: str) -> None:
 def test_a_target_of_make_exists(line: str) -> None:
     targets = re.findall(r"^([\w-]+):", (ROOT / "Makefile").read_text(), re.M)
     assert shlex.split(line, comments=True)[1] in targets
+
+
+@pytest.mark.parametrize("line", typed("make "))
+def test_what_a_target_of_make_types_can_be_typed(line: str) -> None:
+    """`make test` itself is what CI runs, and `akm-fg demo` is run by test_typed_commands.py."""
+    target = shlex.split(line, comments=True)[1]
+    command = ["make", "-n", "--no-print-directory", target]
+    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    found = re.findall(r"\.venv/bin/(.*)", done.stdout.replace("\\\n", " "))
+    assert found, done.stdout
+    for program, *words in map(shlex.split, found):
+        if program == "akm-fg":
+            cli.parsed(words)
+        elif program == "python" and words[0] == "-m":
+            assert importlib.util.find_spec(words[1]) is not None, f"there is no {words[1]}"
+            if words[1].startswith("experiments."):
+                check_experiment(words[1], words[2:])
+        else:
+            assert program in ("python", "ruff", "mypy"), program
 
 
 @pytest.mark.parametrize("line", typed("pip install "))

@@ -17,7 +17,6 @@ import gtsam
 import numpy as np
 import trimesh
 from numpy.typing import NDArray
-from sklearn.cluster import DBSCAN
 
 from akm_fg.records import FloatArray
 from sim.objects.imported.surfaces import Surface
@@ -139,6 +138,8 @@ def _blocked(
 
 def _one(points: FloatArray, hinge: str | None, pivot: FloatArray) -> FloatArray:
     """The points of one handle of several: far from the hinge, or else the largest."""
+    from sklearn.cluster import DBSCAN  # a second to load: for what is new alone
+
     labels = DBSCAN(eps=APART_M, min_samples=1).fit_predict(points)
     groups = [points[labels == k] for k in range(labels.max() + 1)]
     most = max(len(group) for group in groups)

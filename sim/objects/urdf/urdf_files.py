@@ -71,8 +71,8 @@ def write_urdf(
 ) -> Path:
     """Writes `object.urdf` and one mesh for each link and material into `folder`.
 
-    Beside it go `corpus.urdf`, the corpus alone, and `moving.urdf`, the whole with a corpus that
-    is not seen: a camera that stands still draws the corpus once.
+    Beside it go `corpus.urdf`, the looks of the corpus alone, and `moving.urdf`, the whole with a
+    corpus that is not seen: a camera that stands still draws the corpus once.
 
     Args:
         spec: the part and its joint.
@@ -99,7 +99,7 @@ def write_urdf(
 
 def write_object(name: str, still: ET.Element, moving: Sequence[ET.Element], folder: Path) -> Path:
     """Writes `object.urdf`, `corpus.urdf` and `moving.urdf` of a corpus, and parts and joints."""
-    _write(folder / "corpus.urdf", name, [still])
+    _write(folder / "corpus.urdf", name, [_looks(still)])
     _write(folder / "moving.urdf", name, [_unseen(still), *moving])
     return _write(folder / OBJECT_URDF, name, [still, *moving])
 
@@ -110,6 +110,15 @@ def _write(path: Path, name: str, elements: list[ET.Element]) -> Path:
     ET.indent(robot)  # PyBullet cannot read long lines
     ET.ElementTree(robot).write(path)
     return path
+
+
+def _looks(link: ET.Element) -> ET.Element:
+    """The link without what is touched, which takes as long to load; all of it if none is seen."""
+    looks = copy.deepcopy(link)
+    if looks.find("visual") is not None:
+        for collision in looks.findall("collision"):
+            looks.remove(collision)
+    return looks
 
 
 def _unseen(link: ET.Element) -> ET.Element:

@@ -87,6 +87,7 @@ class _Reader:
 
     def __init__(self, path: Path, robot: ET.Element, allowed: Path | None = None) -> None:
         self._path, self._allowed = path, allowed
+        self._meshes: dict[str, Path] = {}  # by name; what is seen is mostly touched too
         self.notes: list[str] = []  # what is probably not meant as it is written
         self._colours = {
             str(material.get("name")): rgb
@@ -192,7 +193,7 @@ class _Reader:
             scale = np.ones(3)
             if mesh.get("scale"):
                 scale = self._numbers(mesh, "scale", link, sizes=(1, 3)) * scale
-            file = mesh_path(self._path, str(mesh.get("filename")), self._allowed)
+            file = self._mesh(str(mesh.get("filename")))
             return Shape(name, T, "mesh", scale, file, rgb)
         for kind, keys in (("cylinder", "radius radius length"), ("sphere", "radius " * 3)):
             found = element.find(f"geometry/{kind}")
@@ -205,6 +206,11 @@ class _Reader:
             raise InputError(self._path, wrong, "mesh, box, cylinder or sphere")
         size_m = self._sound(self._numbers(box, "size", link), link)
         return Shape(name, T, "box", size_m, None, rgb)
+
+    def _mesh(self, name: str) -> Path:
+        if name not in self._meshes:
+            self._meshes[name] = mesh_path(self._path, name, self._allowed)
+        return self._meshes[name]
 
     def _sound(self, size: FloatArray, link: str) -> FloatArray:
         if not (size >= 0.0).all():
