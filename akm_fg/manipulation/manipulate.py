@@ -233,7 +233,9 @@ class Manipulator:
         lever = float(np.linalg.norm(joint.velocity(hand.translation())))
         step = self._config.blind_step_m / max(lever, 1e-3)
         left = self._goal.state - q
-        return Move(q + float(np.clip(left, -step, step)), "target", {})
+        if abs(left) <= step:
+            return Move(self._goal.state, "rest", {})
+        return Move(q + float(np.sign(left)) * step, "step", {})
 
     def _move(self, q: float, move: Move) -> None:
         run, config = self._run, self._config
@@ -494,4 +496,6 @@ _WHY = {
     "turn": "beyond, the hand would be turned too far against the part",
     "state": "beyond, the state would be too unsure without a look",
     "reach": "the arm gets no farther with this grasp",
+    "step": "a step of fixed length, whatever the covariance is",
+    "rest": "the rest of the way is no longer than a step, whatever the covariance is",
 }

@@ -167,6 +167,10 @@ def test_a_vague_axis_makes_short_moves(moved):
     blind = moved(World(0.02), 0.38, replace(CONFIG, planner="blind"), axis_sd=0.03)
     assert [d.foreseen for d in blind.decisions if d.action == "move"] == [{}] * blind.rounds
     assert blind.rounds == 4  # steps of 10 cm
+    # It does not weigh the covariance, and claims nothing of it.
+    whys = [d.why for d in blind.decisions if d.action == "move"]
+    assert all("whatever the covariance is" in why for why in whys)
+    assert "a step of fixed length" in whys[0] and "the rest of the way" in whys[-1]
 
 
 def test_a_joint_that_nobody_knows_is_left_to_lead(moved):
