@@ -258,12 +258,15 @@ class Manipulator:
         if not self._arm.holding():
             self._hold_otherwise("the grip was lost")
             return
-        if stuck:
-            self._met_stop(q, move.q_end)
-        end = path.T_world_gripper[-1].translation()
+        end, here = (
+            T.translation() for T in (path.T_world_gripper[-1], self._arm.T_world_gripper())
+        )
         way = joint.velocity(end) * onward
-        left = end - self._arm.T_world_gripper().translation()
-        gap_m = float(way @ left) / max(float(np.linalg.norm(way)), 1e-6)
+        along = way / max(float(np.linalg.norm(way)), 1e-6)
+        gap_m, went_m = float(along @ (end - here)), float(along @ (here - hand.translation()))
+        # What is sent a little way has come to rest before it counts as stuck.
+        if stuck or (gap_m >= config.pressed_m and went_m < config.pressed_m / 4):
+            self._met_stop(q, move.q_end)
         most = 2.0 * self._goal.tolerance * lever
         self._short_m = float(np.clip(gap_m, 0.0, most))
 

@@ -218,6 +218,15 @@ def test_a_stop_earlier_than_the_model_tells_ends_the_run_and_is_the_stop_from_t
     assert run.rounds == 1  # it does not try again what did not give
 
 
+def test_a_short_move_that_presses_and_gets_nowhere_has_met_a_stop(moved):
+    world = World(0.2, stop=0.2)
+    run = moved(world, 0.25)
+    assert "does not go on from 20.0 cm" in run.failure
+    assert run.rounds == 1
+    near = World(0.2, stop=0.2)  # friction may hold back so much
+    assert "not sure of the target" in moved(near, 0.22).failure
+
+
 def test_an_arm_at_its_end_takes_another_grasp(moved):
     world = World(0.05)
     calls = []
