@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-import itertools
 import tempfile
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
 from types import TracebackType
@@ -13,8 +13,7 @@ import numpy as np
 
 from akm_fg.arm.body.description import franka_description
 from akm_fg.arm.body.kinematics import Q_HOME, FrankaKinematics, IkConfig
-from akm_fg.arm.body.model import N_ARM
-from akm_fg.records import FloatArray, JointTruth
+from akm_fg.records import JointTruth
 from sim.bullet import connect, joint_index, load_urdf, p
 from sim.camera.robot_meshes import light_panda_urdf
 from sim.objects.imported.imported_spec import ImportOptions
@@ -23,7 +22,8 @@ from sim.objects.part_spec import Mechanism, PartSpec, mechanisms
 from sim.objects.slope import HOLDS, slope_load
 from sim.objects.staging import PlacementMode, find_spec, stage
 from sim.objects.urdf.urdf_files import part_joint
-from sim.robot.contacts import finger_links, nearby
+from sim.robot.contacts import finger_links
+from sim.robot.standing_aside import arm_angles, put_arm, stand_aside
 from sim.room import add_room
 
 
@@ -42,11 +42,6 @@ class WorldConfig:
     pad_damping_n_s_m: float = 2e4
     ik: IkConfig = field(default_factory=IkConfig)  # of the arm; objects are placed by it too
 
-
-# Where an arm may be put that stands in a part's way: turned aside, and drawn back.
-TURNS_RAD = tuple(np.deg2rad([90.0, -90.0, 130.0, -130.0]))  # of the first axis, from home
-BACK_RAD = (0.0, -0.9)  # of the second
-NEAR_M = 0.03  # between robot and object: nearer is in the way
 
 LOCK_FORCE = 1e4  # N or N m, of a locked joint: the arm can exert a hundred
 
@@ -85,6 +80,7 @@ class SimWorld:
         self.arm_description = franka_description()  # of what PyBullet loads
         self.kinematics = FrankaKinematics(self.config.ik, self.arm_description)
         self._steps = 0
+        self.every_step: list[Callable[[], None]] = []  # called before physics: trials use it
         self._entered = False
         self.still: list[tuple[Path, gtsam.Pose3]] = []  # looks of what never moves
 
@@ -136,6 +132,8 @@ class SimWorld:
 
     def step(self) -> None:
         """One physics step."""
+        for call in self.every_step:
+            call()
         for part, mechanism in enumerate(self._mechanisms):
             if mechanism.balanced:
                 self._balance(part)
@@ -188,24 +186,21 @@ class SimWorld:
         """A part is at another state, at rest: moved while nobody looked.
 
         Where the arm would stand in its way it is put out of it: whoever moves the part does so.
+
+        Raises:
+            ValueError: the robot is there, wherever its arm stands; nothing has moved then.
         """
+        before, arm = self.part_state(part), arm_angles(self.client, self.robot_id)
+        self.set_part(state, part)
+        if stand_aside(self.client, self.robot_id, self.object_id) <= 0.0:
+            self.set_part(before, part)
+            put_arm(self.client, self.robot_id, arm)
+            raise ValueError(f"a part at {state:g} would be in the robot's base")
+
+    def set_part(self, state: float, part: int = 0) -> None:
+        """A part is at another state, at rest, whatever is there."""
         joint = self.part_joints[part]
         p.resetJointState(self.object_id, joint, state, 0.0, physicsClientId=self.client)
-        if not self._robot_touches():
-            return
-        for back_rad, turn_rad in itertools.product(BACK_RAD, TURNS_RAD):
-            q = Q_HOME + np.array([turn_rad, back_rad, *[0.0] * (N_ARM - 2)])
-            self._put_arm(q)
-            if not self._robot_touches():
-                return
-
-    def _robot_touches(self) -> bool:
-        """Whether a part of the object is where the robot is, or nearly."""
-        return bool(nearby(self.client, self.robot_id, self.object_id, NEAR_M))
-
-    def _put_arm(self, q: FloatArray) -> None:
-        for j in range(N_ARM):
-            p.resetJointState(self.robot_id, j, q[j], physicsClientId=self.client)
 
     def truth(self, part: int = 0) -> JointTruth:
         """A true joint and its state now. For scoring alone: nothing on the robot sees it."""
@@ -232,16 +227,17 @@ class SimWorld:
 
     def _furnish(self) -> None:
         """Coulomb friction as a velocity motor of bounded force; viscous damping; contact."""
-        for i, (joint, part) in enumerate(zip(self.part_joints, self._mechanisms, strict=True)):
+        for number, part in enumerate(self._mechanisms):
+            joint = self.part_joints[number]
             if self._locked:
-                self._lock(joint)
+                self.jam(number)
             else:
                 p.setJointMotorControl2(
                     self.object_id,
                     joint,
                     p.VELOCITY_CONTROL,
                     targetVelocity=0.0,
-                    force=max(part.friction, HOLDS * self._slope_load(i)),
+                    force=max(part.friction, HOLDS * self._slope_load(number)),
                     physicsClientId=self.client,
                 )
             p.changeDynamics(
@@ -273,16 +269,12 @@ class SimWorld:
         return slope_load(weight_n, axis_object, truth.axis, lever_m)
 
     def jam(self, part: int = 0) -> None:
-        """A part goes no farther from where it is, either way."""
-        self._lock(self.part_joints[part], self.part_state(part))
-
-    def _lock(self, joint: int, state: float = 0.0) -> None:
-        """A motor stronger than any hand holds a part; it looks as it always does."""
+        """A motor stronger than any hand holds a part where it is; it looks as it always does."""
         p.setJointMotorControl2(
             self.object_id,
-            joint,
+            self.part_joints[part],
             p.POSITION_CONTROL,
-            targetPosition=state,
+            targetPosition=self.part_state(part),
             force=LOCK_FORCE,
             physicsClientId=self.client,
         )
@@ -297,7 +289,7 @@ class SimWorld:
                 jointDamping=0.0,
                 physicsClientId=self.client,
             )
-        self._put_arm(Q_HOME)
+        put_arm(self.client, self.robot_id, Q_HOME)
         for finger in finger_links(self.client, self.robot_id):
             p.resetJointState(self.robot_id, finger, 0.04, physicsClientId=self.client)
             p.changeDynamics(

@@ -79,6 +79,9 @@ class ManipulateConfig:
     search_frames: int = 4  # until a state is found, of each look
     stuck_ticks: int = 5  # without progress before the way's end: it has met something
     stuck_m: float = 0.002  # what counts as progress in that time
+    # Of a hand at rest, off where it was sent: it has met something. A compliant hand of 700 N/m
+    # presses with 28 N then, more than friction holds back.
+    pressed_m: float = 0.04
     push: PushConfig = field(default_factory=PushConfig)
     scale: LengthScaleConfig = field(default_factory=LengthScaleConfig)
     move: MoveConfig = field(default_factory=MoveConfig)

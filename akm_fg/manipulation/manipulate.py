@@ -30,6 +30,7 @@ from akm_fg.manipulation.carried_grasps import (
     way_of,
 )
 from akm_fg.manipulation.config import ManipulateConfig
+from akm_fg.manipulation.felt_state import can_be_felt_for, felt_state
 from akm_fg.manipulation.length_scale import LengthScale
 from akm_fg.manipulation.pushing import choose_push
 from akm_fg.manipulation.records import Action, Decision, Goal, Hold, Manipulation, Stop
@@ -47,7 +48,11 @@ class Follower(Protocol):
     """Tells a part's state from frames: see `akm_fg.relocalization.relocalizer`."""
 
     def update(
-        self, frame: RgbdFrame, hand: Hand | None = None, commanded: float | None = None
+        self,
+        frame: RgbdFrame,
+        hand: Hand | None = None,
+        commanded: float | None = None,
+        felt: tuple[float, float] | None = None,
     ) -> StateBelief:
         """Take in the next frame."""
         ...
@@ -166,6 +171,8 @@ class Manipulator:
                 return self._push(error)
         q, sd = self._known()
         blind = self._config.planner == "blind"
+        if not (blind or self._seen() or self._borne_unseen()):
+            return self._look_clear("nobody sees the part, and its state is not known to the hand")
         move = self._blind_move(q) if blind else self._borne_move(q, sd)
         if move is None:
             return self._pull_on(q)
@@ -182,7 +189,7 @@ class Manipulator:
         """
         q, _ = self._known()
         wanted, config = self._goal.state, self._config
-        if config.planner == "blind":
+        if config.planner == "blind" or not self._borne_unseen():
             raise unheld
         try:
             with taking(self._run.time_s, "plan"):
@@ -233,7 +240,9 @@ class Manipulator:
         lever = float(np.linalg.norm(joint.velocity(hand.translation())))
         step = self._config.blind_step_m / max(lever, 1e-3)
         left = self._goal.state - q
-        return Move(q + float(np.clip(left, -step, step)), "target", {})
+        if abs(left) <= step:
+            return Move(self._goal.state, "rest", {})
+        return Move(q + float(np.sign(left)) * step, "step", {})
 
     def _move(self, q: float, move: Move) -> None:
         run, config = self._run, self._config
@@ -249,12 +258,15 @@ class Manipulator:
         if not self._arm.holding():
             self._hold_otherwise("the grip was lost")
             return
-        if stuck:
-            self._met_stop(q, move.q_end)
-        end = path.T_world_gripper[-1].translation()
+        end, here = (
+            T.translation() for T in (path.T_world_gripper[-1], self._arm.T_world_gripper())
+        )
         way = joint.velocity(end) * onward
-        left = end - self._arm.T_world_gripper().translation()
-        gap_m = float(way @ left) / max(float(np.linalg.norm(way)), 1e-6)
+        along = way / max(float(np.linalg.norm(way)), 1e-6)
+        gap_m, went_m = float(along @ (end - here)), float(along @ (here - hand.translation()))
+        # What is sent a little way has come to rest before it counts as stuck.
+        if stuck or (gap_m >= config.pressed_m and went_m < config.pressed_m / 4):
+            self._met_stop(q, move.q_end)
         most = 2.0 * self._goal.tolerance * lever
         self._short_m = float(np.clip(gap_m, 0.0, most))
 
@@ -357,7 +369,8 @@ class Manipulator:
                 else:  # no free way there: others may have one
                     log.info("grasp refused: %s", error)
                 continue
-            self._look()
+            hand = self._arm.T_world_gripper()
+            self._look(felt_state(self._part, q, T, hand, config))
             q, _ = self._known()
             self._run.holds.append(Hold(self._arm.T_world_gripper(), q, chosen.grasp.board))
             return
@@ -390,15 +403,25 @@ class Manipulator:
                 pass
         for _ in range(self._config.search_frames):
             frame = self._look()
-            if self._state() is not None:
+            if self._seen():
                 break
-            self._wait()
+            self._wait()  # a part that is not where it was believed is given up after some frames
         self._frame = self._part.corrected(frame)
         self._arm.see(self._frame)
-        if self._state() is None:
+        if not self._seen() and not self._borne_unseen():
             belief = self._run.belief
-            told = "" if belief is None else f": {belief.reason}"
+            told = "" if belief is None or belief.reason is None else f": {belief.reason}"
             raise PartLost(f"the part is not found{told}")
+
+    def _seen(self) -> bool:
+        """Whether the last frame shows the part, at a state that is known."""
+        belief = self._run.belief
+        return belief is not None and belief.seen and self._state() is not None
+
+    def _borne_unseen(self) -> bool:
+        """Whether a state that no frame shows is known as well as a hand can feel for a handle."""
+        state = self._state()
+        return state is not None and can_be_felt_for(self._part, *state, self._config.hold)
 
     def _wait(self) -> None:
         """Until the next frame: nothing moves."""
@@ -407,8 +430,11 @@ class Manipulator:
             for _ in self._arm.step_aside(frame, self._config.tick_s, unseen=True):
                 pass
 
-    def _look(self) -> RgbdFrame:
-        """One frame into the belief, unless the last was taken at this very moment."""
+    def _look(self, felt: tuple[float, float] | None = None) -> RgbdFrame:
+        """One frame into the belief, unless the last was taken at this very moment.
+
+        `felt`: state and deviation that a hand tells which has just closed.
+        """
         run = self._run
         with taking(run.time_s, "camera"):
             frame = as_stored(self._camera.capture())
@@ -419,7 +445,7 @@ class Manipulator:
         self._observer.looked(look)
         hand = Hand(look.T_world_gripper, look.holding)
         with taking(run.time_s, "relocalize"):
-            run.beliefs.append(self._follower.update(frame, hand))
+            run.beliefs.append(self._follower.update(frame, hand, felt=felt))
         self._take_scale(look)
         if self._stream is not None:
             with taking(run.time_s, "learn"):
@@ -494,4 +520,6 @@ _WHY = {
     "turn": "beyond, the hand would be turned too far against the part",
     "state": "beyond, the state would be too unsure without a look",
     "reach": "the arm gets no farther with this grasp",
+    "step": "a step of fixed length, whatever the covariance is",
+    "rest": "the rest of the way is no longer than a step, whatever the covariance is",
 }

@@ -19,7 +19,7 @@ from akm_fg.posterior import JointPosterior
 from akm_fg.prediction import predict_pose
 from akm_fg.records import FloatArray
 
-Bound = Literal["target", "across", "turn", "state", "reach"]
+Bound = Literal["target", "across", "turn", "state", "reach", "step", "rest"]
 LEVEL = 1.96  # of a 95 % bound, of one dimension
 
 

@@ -64,7 +64,11 @@ class Relocalizer:
         self._lost_because: str | None = None
 
     def update(
-        self, frame: RgbdFrame, hand: Hand | None = None, commanded: float | None = None
+        self,
+        frame: RgbdFrame,
+        hand: Hand | None = None,
+        commanded: float | None = None,
+        felt: tuple[float, float] | None = None,
     ) -> StateBelief:
         """Take in the next frame.
 
@@ -72,6 +76,8 @@ class Relocalizer:
             frame: later than the last one; the robot's own pixels carry no depth.
             hand: the gripper then, where it is known.
             commanded: how far the part was told to move since the last frame, m or rad.
+            felt: state and deviation that a hand tells which has just taken hold, m or rad. It
+                counts where the frame does not show the part and the belief does not exclude it.
 
         Raises:
             ValueError: a stamp that does not grow.
@@ -83,7 +89,7 @@ class Relocalizer:
         self._stamp_s, self._hand = frame.stamp_s, hand
         if self._filter is None:
             return self._told(self._search(frame, dt_s, shift))
-        return self._told(self._track(frame, dt_s, shift))
+        return self._told(self._track(frame, dt_s, shift, felt))
 
     def _told(self, belief: StateBelief) -> StateBelief:
         """In states of the model; within, they are as the camera sees them."""
@@ -218,7 +224,11 @@ class Relocalizer:
         return float(self._grid.probability[off <= 3.0 * step].sum())
 
     def _track(
-        self, frame: RgbdFrame, dt_s: float, shift: tuple[float, float] | None
+        self,
+        frame: RgbdFrame,
+        dt_s: float,
+        shift: tuple[float, float] | None,
+        felt: tuple[float, float] | None,
     ) -> StateBelief:
         """From where it was."""
         assert self._filter is not None
@@ -231,6 +241,8 @@ class Relocalizer:
         reach = 3.0 * float(np.sqrt(kalman.variance))
         measured = self._measured(frame, predicted, reach)
         nis, reason = None, None
+        if felt is not None and measured is None:
+            self._feel(*felt)
         if measured is not None:
             nis = kalman.innovation(measured.q, measured.variance)
             if nis <= c.gate_nis:
@@ -251,6 +263,13 @@ class Relocalizer:
             frame.stamp_s, "tracking", mean, sd, kalman.rate, self._probability, seen, nis,
             predicted, reason,
         )  # fmt: skip
+
+    def _feel(self, q: float, sd: float) -> None:
+        """Take in what a hand tells, unless the belief is surer of another state."""
+        assert self._filter is not None
+        q, sd = self.part.seen_state(q), self.part.seen_state(sd)
+        if self._filter.innovation(q, sd**2) <= self.config.gate_nis:
+            self._filter.update(q, sd**2)
 
     def _lose(self, frame: RgbdFrame, reason: str) -> StateBelief:
         """Give the belief up, and look everywhere, in this very frame."""

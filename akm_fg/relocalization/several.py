@@ -60,6 +60,7 @@ class PartsRelocalizer:
         hand: Hand | None = None,
         held: int | None = None,
         commanded: float | None = None,
+        felt: tuple[float, float] | None = None,
     ) -> tuple[StateBelief, ...]:
         """Take in the next frame; a belief for each part, in the model's order.
 
@@ -69,6 +70,7 @@ class PartsRelocalizer:
             held: place of the part that it holds, or is about to; None: not known. Only its filter
                 is moved by the hand and the command.
             commanded: how far that part was told to move since the last frame, m or rad.
+            felt: its state and deviation by a hand that has just taken hold of it, m or rad.
 
         Raises:
             ValueError: a stamp that does not grow, or a part that is not there.
@@ -88,9 +90,7 @@ class PartsRelocalizer:
             ]
             own = _without(frame, others)
             moved = place == held
-            belief = self._filters[place].update(
-                own, hand if moved else None, commanded if moved else None
-            )
+            belief = self._filters[place].update(own, *((hand, commanded, felt) if moved else ()))
             self._beliefs[place] = belief
             masks[place] = shown(self._parts[place], belief, frame, self._noise)
         return tuple(belief for belief in self._beliefs if belief is not None)
@@ -147,14 +147,18 @@ class FollowedPart:
         }
 
     def update(
-        self, frame: RgbdFrame, hand: Hand | None = None, commanded: float | None = None
+        self,
+        frame: RgbdFrame,
+        hand: Hand | None = None,
+        commanded: float | None = None,
+        felt: tuple[float, float] | None = None,
     ) -> StateBelief:
         """Take in the next frame; the belief of the followed part.
 
         Raises:
             ValueError: a stamp that does not grow.
         """
-        beliefs = self._all.update(frame, hand, self._place, commanded)
+        beliefs = self._all.update(frame, hand, self._place, commanded, felt)
         for name, belief in zip(self._names, beliefs, strict=True):
             if name in self.beside and belief.mode == "tracking" and belief.seen:
                 known = self.beside[name]

@@ -91,10 +91,16 @@ class SimFranka:
     def step_aside(self, frame: RgbdFrame, tick_s: float, unseen: bool = False) -> Iterator[None]:
         """Let go, and go where the arm hides little from the camera that took the frame.
 
-        With `unseen`, little of what this frame does not show.
-        Stays where it is after letting go if no such place is within reach without touching
-        anything.
+        With `unseen`, little of what this frame does not show, and the next frame is a later one:
+        a tick passes wherever it is. Stays where it is after letting go if no such place is within
+        reach without touching anything.
         """
+        yield from self._go_aside(frame, tick_s, unseen)
+        if unseen:
+            here = self.T_world_gripper().matrix()
+            yield from self._drive.execute(self._stay(here, tick_s), tick_s)
+
+    def _go_aside(self, frame: RgbdFrame, tick_s: float, unseen: bool) -> Iterator[None]:
         yield from self._drive.execute(self._release(), tick_s)
         if self._silhouette is None:
             self._silhouette = ArmSilhouette(self._scene.description, self.config.silhouette)

@@ -5,9 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from experiments import closed_loop, faults, relocalization
+from experiments import closed_loop, relocalization
 from experiments.closed_loop import BIN, ClosedLoopRow, tasks_of
-from experiments.faults import FaultRow
 from experiments.relocalization import RelocalizationRow
 
 ROW = ClosedLoopRow(
@@ -50,19 +49,6 @@ def test_tables_say_what_the_rows_do():
     assert "exploration made no model" in closed_loop.failures([ROW, failed])
     wrong = replace(ROW, final=0.27)
     assert "claimed" in closed_loop.failures([wrong])
-
-
-def test_a_fault_is_unnoticed_where_a_claim_is_false():
-    row = FaultRow("x", "camera blocked", 0, True, True, True, None, 0.97, 1, 1, 0, 0.4)
-    assert not row.unnoticed
-    assert replace(row, within=False).unnoticed
-    assert not replace(row, within=False, claimed=False).unnoticed
-    never = replace(row, happened=False)
-    assert (
-        faults.table([row, never, replace(row, within=False)])
-        .splitlines()[-1]
-        .startswith("| all | 2 | 50.0")
-    )
 
 
 def test_relocalization_counts_hypotheses_errors_and_times():

@@ -104,3 +104,17 @@ def test_a_lean_loads_what_it_tips_and_nothing_else():
     assert slope_load(10.0, along, tipped @ along, None) == 0.0  # turned about itself
     assert slope_load(10.0, out, tipped @ out, 0.4) == pytest.approx(10.0 * 0.4 * 0.5)
     assert slope_load(10.0, across, tipped @ across, 0.4) == 0.0
+
+
+def test_an_arm_that_no_posture_takes_far_from_a_part_stands_where_it_is_farthest():
+    """A drawer drawn out to the robot's base is near to all of them, and in some of them."""
+    with SimWorld("furniture-116/drawer-049", 10006, placement="published") as world:
+        world.put_part(0.384)
+        near = nearby(world.client, world.robot_id, world.object_id, 1.0)
+        assert min(points.distance_m for points in near) > 0.02
+        for _ in range(20):
+            world.step()
+        assert world.part_state() == pytest.approx(0.384, abs=1e-4)
+        with pytest.raises(ValueError, match="robot's base"):
+            world.put_part(0.6)
+        assert world.part_state() == pytest.approx(0.384, abs=1e-4)

@@ -15,7 +15,7 @@ from akm_fg.cli.exploring.simulated import ExploreRequest, explore_in_simulator
 from akm_fg.cli.exploring.stages import perceiver_of
 from akm_fg.cli.running.recorder import RECORDING, RunRecorder
 from akm_fg.cli.simulated_run import limit_shares, opened_world
-from akm_fg.errors import AkmError
+from akm_fg.errors import AkmError, InputError
 from akm_fg.exploration.records import Contact
 from akm_fg.interfaces import Camera
 from akm_fg.io.recording_writer import RecordingWriter
@@ -136,7 +136,13 @@ def _manipulate(
     part = model.parts[ran.number]
     number = true_number(world, part)
     if request.start is not None:
-        world.world.put_part(request.start, number)
+        try:
+            world.world.put_part(request.start, number)
+        except ValueError as error:
+            told = "a state that the robot's base leaves room for"
+            raise InputError(
+                "--start", f"is {request.start:g} {part.joint.kind.unit}", told
+            ) from error
     ran.start_state = world.world.part_state(number)
     ran.goal, ran.failure = goal_of(request, part)
     if ran.failure is not None:

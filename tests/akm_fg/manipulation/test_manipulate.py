@@ -10,6 +10,7 @@ from akm_fg.errors import GraspFailed, MotionInfeasible
 from akm_fg.manipulation.config import ManipulateConfig
 from akm_fg.manipulation.manipulate import Manipulator
 from akm_fg.manipulation.records import Goal, Manipulation
+from akm_fg.model.records import StateLimits
 from akm_fg.records import PinholeCamera, RgbdFrame
 from akm_fg.relocalization.records import StateBelief
 from tests.akm_fg.manipulation.conftest import GRASP
@@ -25,7 +26,7 @@ class World:
         self.state, self.clock, self.sd, self.stop, self.short = state, 0.0, sd, stop, short
         self.held, self.seen, self.hidden, self.lost = False, True, False, 0
         self.slips_at, self.blocked, self.reach, self.way = None, [], 1.0, None
-        self.log, self.updates = [], []
+        self.log, self.updates, self.felt = [], [], []
 
     def capture(self):
         self.clock += 0.1
@@ -95,7 +96,7 @@ class Follower:
     def __init__(self, world):
         self.world = world
 
-    def update(self, frame, hand=None, commanded=None):
+    def update(self, frame, hand=None, commanded=None, felt=None):
         world = self.world
         world.updates.append(hand)
         if world.lost > 0:
@@ -104,6 +105,7 @@ class Follower:
                                reason="the part is not seen at any state")  # fmt: skip
         seen = world.seen and not world.hidden
         sd = world.sd if seen else 0.02
+        world.felt += [] if felt is None else [felt]
         return StateBelief(frame.stamp_s, "tracking", world.state, sd, 0.0, 1.0, seen, 0.1)
 
 
@@ -117,8 +119,8 @@ class Quiet:
 
 @pytest.fixture
 def moved(paper_part):
-    def _moved(world, target, config=CONFIG, fresh=None, follower=Follower, **of_part):
-        part = paper_part("prismatic", **of_part)
+    def _moved(world, target, config=CONFIG, fresh=None, follower=Follower, limits=None, **of_part):
+        part = replace(paper_part("prismatic", **of_part), limits=limits)
         run, goal = Manipulation(), Goal(target, config.tolerance_m)
         followed = follower(world)
         Manipulator(world, world, followed, part, goal, run, Quiet(), config, fresh).run()
@@ -139,6 +141,14 @@ def test_it_looks_holds_moves_and_ends_with_a_probability(moved):
     assert world.state == pytest.approx(0.32)
     assert run.probability > 0.95
     assert run.rounds == 1
+
+
+def test_a_hand_that_has_closed_tells_the_state_to_what_it_feels_for(moved):
+    world = World(0.12)
+    moved(world, 0.32)
+    ((q, sd),) = world.felt
+    assert q == pytest.approx(0.12, abs=1e-9)
+    assert 1.96 * sd == pytest.approx(CONFIG.hold.most_feel_m)
 
 
 def test_a_part_that_is_there_is_not_touched(moved):
@@ -167,6 +177,10 @@ def test_a_vague_axis_makes_short_moves(moved):
     blind = moved(World(0.02), 0.38, replace(CONFIG, planner="blind"), axis_sd=0.03)
     assert [d.foreseen for d in blind.decisions if d.action == "move"] == [{}] * blind.rounds
     assert blind.rounds == 4  # steps of 10 cm
+    # It does not weigh the covariance, and claims nothing of it.
+    whys = [d.why for d in blind.decisions if d.action == "move"]
+    assert all("whatever the covariance is" in why for why in whys)
+    assert "a step of fixed length" in whys[0] and "the rest of the way" in whys[-1]
 
 
 def test_a_joint_that_nobody_knows_is_left_to_lead(moved):
@@ -194,6 +208,23 @@ def test_a_stop_met_early_ends_the_run_and_is_kept(moved):
     assert run.stop.opening
     assert run.stop.state == pytest.approx(0.2)
     assert "relax" in world.log
+
+
+def test_a_stop_earlier_than_the_model_tells_ends_the_run_and_is_the_stop_from_then_on(moved):
+    told = StateLimits(0.0, 0.4, 1e-3)
+    run = moved(World(0.05, stop=0.2), 0.35, limits=told)
+    assert "does not go on from 20.0 cm" in run.failure
+    assert run.stop.opening and run.stop.state == pytest.approx(0.2)
+    assert run.rounds == 1  # it does not try again what did not give
+
+
+def test_a_short_move_that_presses_and_gets_nowhere_has_met_a_stop(moved):
+    world = World(0.2, stop=0.2)
+    run = moved(world, 0.25)
+    assert "does not go on from 20.0 cm" in run.failure
+    assert run.rounds == 1
+    near = World(0.2, stop=0.2)  # friction may hold back so much
+    assert "not sure of the target" in moved(near, 0.22).failure
 
 
 def test_an_arm_at_its_end_takes_another_grasp(moved):
@@ -233,13 +264,13 @@ def test_a_part_lost_on_the_way_is_looked_for_before_anything_moves(moved):
     world = World(0.1)
 
     class Blocked(Follower):
-        def update(self, frame, hand=None, commanded=None):
+        def update(self, frame, hand=None, commanded=None, felt=None):
             if ("follow", 0.2) in world.log and "blocked" not in world.log:
                 world.log.append("blocked")
                 world.lost = 30
             if world.log[-1] == "aside":
                 world.lost = 0
-            return super().update(frame, hand, commanded)
+            return super().update(frame, hand, commanded, felt)
 
     run = moved(world, 0.3, follower=Blocked)
     assert run.failure is None
@@ -258,6 +289,53 @@ def test_a_state_too_unsure_to_end_asks_for_a_clear_look(moved):
     run = moved(world, 0.3)
     assert run.failure is None
     assert actions(run)[-2:] == ["look", "end"]
+
+
+class Moved(Follower):
+    """The part is not where it was believed: for some frames nobody sees it, and the belief widens.
+
+    As the filter has it, which gives a belief up only after frames that contradict it.
+    """
+
+    frames = 2
+
+    def update(self, frame, hand=None, commanded=None, felt=None):
+        world = self.world
+        belief = super().update(frame, hand, commanded, felt)
+        if "grasp" in world.log and world.log.count("aside") > 1 and self.frames > 0:
+            self.frames -= 1
+            return replace(belief, mean=0.1, sd=0.25, seen=False,
+                           reason="the part is seen at another state")  # fmt: skip
+        return belief
+
+
+def test_a_part_pushed_while_the_arm_reached_for_it_is_looked_for_until_a_frame_shows_it(moved):
+    world = World(0.1)
+    grasp = world.grasp
+
+    def met_nothing(T, tick_s, feel_m=0.0, onward=()):
+        if "grasp" not in world.log:
+            world.log.append("grasp")
+            world.state = 0.25  # pushed meanwhile
+            raise GraspFailed("the fingers met with nothing between them")
+        yield from grasp(T, tick_s, feel_m, onward)
+
+    world.grasp = met_nothing
+    run = moved(world, 0.3, follower=Moved)
+    assert run.failure is None and world.state == pytest.approx(0.3)
+    moves = [d for d in run.decisions if d.action in ("grasp", "move", "push")]
+    assert all(d.state_sd < 0.01 for d in moves)  # nothing moves by a state that nobody saw
+
+
+def test_a_part_that_clear_looks_do_not_show_is_neither_held_nor_pushed(moved):
+    class Never(Moved):
+        frames = 1000
+
+    world = World(0.32)
+    world.blocked = [GraspFailed("the fingers met with nothing between them")]
+    run = moved(world, 0.12, follower=Never)
+    assert "not found: the part is seen at another state" in run.failure
+    assert world.log.count("grasp") == 1 and "push" not in actions(run)
 
 
 def test_holds_that_fail_are_counted_and_end(moved):

@@ -14,6 +14,7 @@ from akm_fg.model.write import write_model
 from akm_fg.records import CameraCorrection, Recording
 from akm_fg.relocalization.relocalizer import Relocalizer
 from akm_fg.stream.seen_so_far import Hand
+from experiments.trials.mishaps import of_wrong_kind
 
 
 @pytest.fixture(scope="module", params=["door", "drawer"])
@@ -148,6 +149,21 @@ def test_a_hand_that_holds_carries_the_state_of_a_hidden_part(known):
     assert belief.sd < 0.1 * abs(q[-1])
 
 
+def test_a_hand_that_takes_hold_where_nobody_looked_for_long_tells_the_state(known):
+    clip, model = known
+    first, q = clip.frames[0], states_of(clip, model)[0]
+    told = []
+    for felt in (None, (float(q), 0.015), (float(q) + 9.0, 0.015)):
+        follower = Relocalizer(model)
+        follower.update(first)
+        later = dark(first, first.stamp_s + 10.0)
+        told.append(follower.update(later, None, None, felt))
+    alone, held, elsewhere = told
+    assert alone.sd > 0.1 and not held.seen
+    assert held.sd < 0.02 and abs(held.mean - q) < 0.02
+    assert elsewhere.mean == alone.mean  # what the belief excludes is no hold of this part
+
+
 def test_another_objects_model_is_not_believed(door, drawer, fit_of):
     for own, other in ((door, drawer), (drawer, door)):
         model = model_of(own, fit_of)
@@ -156,6 +172,16 @@ def test_another_objects_model_is_not_believed(door, drawer, fit_of):
         far = [replace(frame, T_world_cam=away * frame.T_world_cam) for frame in other.frames]
         beliefs = [follower.update(frame) for frame in far]
         assert all(belief.mode != "tracking" or belief.probability < 0.99 for belief in beliefs)
+
+
+def test_a_model_of_the_wrong_kind_is_not_believed_where_its_joint_does_not_lead(known):
+    clip, model = known
+    part = model.parts[0]
+    wrong = of_wrong_kind(part)
+    assert wrong.joint.kind != part.joint.kind
+    follower = Relocalizer(model.with_part(wrong))
+    last = [follower.update(frame) for frame in clip.frames][-1]
+    assert not last.seen and last.reason
 
 
 def test_frames_come_in_the_order_of_their_time(known):
