@@ -33,13 +33,14 @@ from akm_fg.stream.seen_so_far import hands_of
 from experiments.closed_loop import kept_models
 from experiments.exploration import ExplorationRow
 from experiments.exploration import read_rows as exploration_rows
-from experiments.pages.figures import COLOURS, new_figure, save
+from experiments.pages.figures import COLOURS, log_ticks, new_figure, save
 from experiments.pages.tables import markdown, percent
 from experiments.rows.json_lines import append_line, rows_of
 from experiments.rows.provenance import note_run
 from experiments.scores.statistics import share
 
-BINS_M = (0.02, 0.04, 0.06, 0.08, 0.10, 0.13, 0.16, 0.20)  # edges of the hand's way
+STRETCH_M = 0.03  # of the hand's way: bins are as wide, and a stretch ends in the middle of one
+BINS = 8
 FEWEST = 5  # stretches of a bin from which on a median of it is drawn
 
 
@@ -115,7 +116,7 @@ def table(rows: Sequence[PullRow]) -> str:
         right = [row for row in of if row.kind == row.kind_true]
         lines.append(
             [
-                f"{100 * low:.0f} to {100 * high:.0f}",
+                f"{100 * low:.1f} to {100 * high:.1f}",
                 str(len(of)),
                 percent(share([row.kind == row.kind_true for row in of])),
                 _median([row.axis_error_deg for row in right]),
@@ -130,12 +131,11 @@ def table(rows: Sequence[PullRow]) -> str:
     return markdown(header, lines)
 
 
-def stops(rows: Sequence[PullRow], explored: Sequence[ExplorationRow]) -> str:
+def stops(explored: Sequence[ExplorationRow]) -> str:
     """Where each rule stopped, and what it had then, on the objects that both opened."""
     lines = []
-    names = {row.name for row in rows}
-    of = {s: {r.name: r for r in explored if r.setting == s and r.moved} for s in RULES}
-    both = names.intersection(*of.values())
+    of = {s: {r.name: r for r in explored if r.setting == s and _opened(r)} for s in RULES}
+    both = set.intersection(*(set(some) for some in of.values()))
     for setting, rule in RULES.items():
         some = [of[setting][name] for name in sorted(both)]
         lines.append(
@@ -153,12 +153,16 @@ def stops(rows: Sequence[PullRow], explored: Sequence[ExplorationRow]) -> str:
     return markdown([*header, "ASR_1 %"], lines)
 
 
+def _opened(row: ExplorationRow) -> bool:
+    return row.moved and row.claimed and row.travel_m is not None
+
+
 RULES = {"full": "posterior", "threshold": "threshold (the paper's)"}
 
 
 def figure(rows: Sequence[PullRow], file: Path) -> None:
     """Errors and bounds against the way of the hand, and where the explorations stopped."""
-    drawn, (left, right) = new_figure(2, 3.4)
+    drawn, (left, right) = new_figure(2, 3.6)
     named = [row for row in rows if row.kind == row.kind_true]
     axis = [(r, r.axis_error_deg, r.axis_bound_deg) for r in named]
     line = [
@@ -168,7 +172,7 @@ def figure(rows: Sequence[PullRow], file: Path) -> None:
     ]
     _draw(left, axis, "axis, deg")
     _draw(right, line, "axis line of what turns, cm")
-    right.legend(loc="upper right", fontsize=8)
+    drawn.legend(*left.get_legend_handles_labels(), loc="outside lower center", ncols=4, fontsize=8)
     save(drawn, file)
 
 
@@ -193,12 +197,14 @@ def _draw(
         [k[0] for k in ends], [k[1] for k in ends], ".", ms=4, color=COLOURS["bound"],
         label="error where it stopped",
     )  # fmt: skip
+    axes.set_yscale("log")
     axes.axhline(1.0, color=COLOURS["peer"], ls="--", lw=1.0, label="needed")
-    axes.set(yscale="log", ylabel=label, xlabel="way of the hand, cm")
+    log_ticks(axes.yaxis, (0.01, 0.03, 0.1, 0.3, 1, 3, 10, 30))
+    axes.set(ylabel=label, xlabel="way of the hand, cm")
 
 
 def _bins() -> list[tuple[float, float]]:
-    return list(pairwise((0.0, *BINS_M)))
+    return list(pairwise(STRETCH_M * (0.5 + k) for k in range(BINS + 1)))
 
 
 def _median(values: Sequence[float | None], factor: float = 1.0) -> str:
@@ -225,7 +231,7 @@ def main() -> None:
     if rows:
         print(table(rows))
         if arguments.exploration is not None:
-            print("", stops(rows, exploration_rows(arguments.exploration)), sep="\n")
+            print("", stops(exploration_rows(arguments.exploration)), sep="\n")
         if arguments.figure is not None:
             figure(rows, arguments.figure)
 
