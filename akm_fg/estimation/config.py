@@ -129,6 +129,7 @@ class FitConfig:
     disagreement_chance: float = 1e-3  # that sources which agree look as if they did not
     least_new: float = 0.1  # of the tracks' variance, that the others are taken to have brought
     parametric_p_value: float = 1e-3  # chi-square level below which no kind explains the data
+    largest_rest: float = 0.5  # of how far all that is seen lies apart, that may stay unexplained
 
     @property
     def doubtful(self) -> FitConfig:

@@ -163,9 +163,26 @@ def is_parametric(fit: KindFit, problem: FitProblem, as_one: float) -> bool:
     share = tracks.freedom * _trimmed_chi2_mean(3.0)
     if d2.mean() / share > limit:
         return False
+    if _is_mostly_noise(fit, problem):
+        return False
     order = np.argsort(e2 / sigma2)[: d2.size]
     seen_m2 = share * float((given * problem.local_scale**2)[order].mean())
     return bool(e2[order].mean() - limit * seen_m2 <= 2 * systematic_m**2)
+
+
+def _is_mostly_noise(fit: KindFit, problem: FitProblem) -> bool:
+    """Whether a typical residual is too large a share of how far apart all positions lie.
+
+    Points that jump about at random fit no rigid part, and their noise, which is found in the data,
+    passes any test against itself. A joint has to explain most of where they are.
+    """
+    tracks = fit.tracks
+    if problem.tracks.noise_known:
+        return False
+    p_world = problem.tracks.observations.p_world.transpose(0, 2, 1)[tracks.observed]
+    apart_m2 = float(np.median(((p_world - np.median(p_world, axis=0)) ** 2).sum(axis=-1)))
+    rest_m2 = float(np.median(tracks.squared_error_m2[tracks.observed]))
+    return rest_m2 > problem.config.largest_rest**2 * apart_m2
 
 
 def _trimmed_chi2_mean(freedom: float) -> float:
