@@ -50,6 +50,7 @@ def read_input(
     if format_of(path) is not None:
         return read_source(path, options.source, options.conventions, first_frames)
     if is_folder:
+        _check_is_no_run(path)
         return read_recording(path)  # says what is missing
     if first_frames is not None:
         raise InputError(path, "has no frames to choose from", "a recording with --frames")
@@ -59,3 +60,13 @@ def read_input(
         return read_pose_log(path, options)
     ending = f"ends in {path.suffix!r}" if path.suffix else "has no ending that says what it is"
     raise InputError(path, ending, WHAT)
+
+
+def _check_is_no_run(folder: Path) -> None:
+    """Raises InputError for what a fit or a run left: its recording lies elsewhere."""
+    held = [name for name in ("posterior.json", "model.json") if (folder / name).is_file()]
+    if (folder / "recording" / RECORDING_FILE).is_file():
+        raise InputError(folder, "is the folder of a run", f"its recording, {folder / 'recording'}")
+    if held:
+        problem = f"holds an answer ({' and '.join(held)}), and no recording"
+        raise InputError(folder, problem, WHAT)

@@ -30,7 +30,7 @@ class ViewArguments:
     """
 
     place: Annotated[Path, tyro.conf.Positional]
-    """A model.json, the folder of a run or of fit --out, or a recording."""
+    """A model.json, the folder of a run or of fit --out, or a recording of any format."""
     html: Path | None = None
     """Write the page to this file instead: it needs no server and no network."""
     rerun: Path | None = None
@@ -72,33 +72,35 @@ def view(arguments: ViewArguments) -> int:
 
 
 def _contents(arguments: ViewArguments) -> Contents:
+    from akm_fg.io.sources.registry import format_of
     from akm_fg.model.read import FILE, read_model
     from akm_fg.view.contents import contents_of
 
     place = arguments.place
-    if place.is_file() or (place / FILE).exists():
+    other_format = place.exists() and format_of(place) is not None
+    if (place / FILE).exists() or (place.is_file() and not other_format):
         return contents_of(read_model(place), str(place))
-    for folder in (place, place / "recording"):
-        if (folder / "recording.json").exists():
-            return _fitted(folder, arguments.seed)
+    for recording in (place, place / "recording"):
+        if (recording / "recording.json").exists() or (recording == place and other_format):
+            return _fitted(recording, arguments.seed)
     raise InputError(place, "holds nothing to show" if place.exists() else "does not exist", WHAT)
 
 
-def _fitted(folder: Path, seed: int) -> Contents:
-    """A recording, after a fit."""
+def _fitted(place: Path, seed: int) -> Contents:
+    """A recording of any format, after a fit."""
+    import akm_fg
     from akm_fg.cli.fitting.progress import Progress
-    from akm_fg.io.recording import read_recording
     from akm_fg.model.build import FittedRecording, build_model
     from akm_fg.pipeline import fit_recording
     from akm_fg.view.contents import contents_of
 
     progress = Progress(steps_as_lines=True)
-    progress.input(1, 1, folder)
-    recording = read_recording(folder)
+    progress.input(1, 1, place)
+    recording = akm_fg.read_recording(place)
     fit = fit_recording(recording, seed, watched=progress.watched)
     progress.done()
     model = build_model(FittedRecording.of(recording, fit))
-    return contents_of(model, str(folder), fit.observed)
+    return contents_of(model, str(place), fit.observed)
 
 
 def _serve(arguments: ViewArguments, contents: Contents) -> None:

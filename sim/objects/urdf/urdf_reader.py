@@ -160,12 +160,13 @@ class _Reader:
         if given is None or given.get("xyz") is None:
             return np.array([1.0, 0, 0])
         axis = self._numbers(given, "xyz", name)
-        length = float(np.linalg.norm(axis))
-        if length < 1e-9:
+        largest = float(np.abs(axis).max())
+        if largest < 1e-9:
             if element.get("type") in MOVABLE:
                 raise InputError(self._path, f"joint {name!r} has a zero axis", "a direction")
             return np.array([1.0, 0, 0])
-        return axis / length
+        direction = axis / largest  # whose square is a number, too
+        return np.asarray(direction / np.linalg.norm(direction))
 
     def _shapes(self, element: ET.Element, tag: str, link: str) -> tuple[Shape, ...]:
         """Of a link; what has no size, and a visual mesh that is not there, is left out."""

@@ -19,6 +19,7 @@ from akm_fg.io.recording import write_recording
 from akm_fg.model.write import write_model
 from akm_fg.view.contents import Contents, axis_cone, contents_of
 from akm_fg.view.page import html_page
+from tests.akm_fg.io.sources.conftest import write_tum
 from tests.akm_fg.view.browser import BROWSER, opened
 
 
@@ -240,6 +241,30 @@ def test_a_recording_is_fitted_and_shown(door, tmp_path: Path, monkeypatch) -> N
     monkeypatch.setattr("akm_fg.cli.models.view._serve", lambda _, found: shown.append(found))
     assert main(["view", str(tmp_path / "run")]) == 0
     assert shown[0].tracks is not None and shown[0].parts[0].part.posterior.kind == "revolute"
+
+
+def test_a_recording_of_another_format_is_shown_as_well(door, tmp_path: Path, monkeypatch) -> None:
+    folder = write_tum(tmp_path / "my_tum", door.recording)
+    shown = []
+    monkeypatch.setattr("akm_fg.cli.models.view._serve", lambda _, found: shown.append(found))
+    assert main(["view", str(folder)]) == 0
+    (contents,) = shown
+    assert contents.title == str(folder)
+
+
+@pytest.mark.parametrize("command", ["fit", "check"])
+def test_the_folder_of_a_run_is_no_recording_but_says_where_one_is(
+    command: str, door_model, door, tmp_path: Path, capsys
+) -> None:
+    (tmp_path / "run").mkdir()
+    write_model(tmp_path / "run", door_model)
+    assert main([command, str(tmp_path / "run")]) == 2
+    assert "holds an answer (model.json), and no recording" in capsys.readouterr().err
+    write_recording(tmp_path / "run" / "recording", door.recording)
+    assert main([command, str(tmp_path / "run")]) == 2
+    said = capsys.readouterr().err
+    assert f"expected its recording, {tmp_path / 'run' / 'recording'}" in said
+    assert len(said.splitlines()) == 1
 
 
 def test_nothing_to_show_is_one_line(

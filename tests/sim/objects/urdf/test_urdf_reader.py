@@ -296,3 +296,9 @@ def _size(geometry: yourdfpy.Geometry) -> np.ndarray:
     if geometry.sphere is not None:
         return np.full(3, geometry.sphere.radius)
     return np.ones(3) * geometry.mesh.scale
+
+
+def test_an_axis_of_any_length_is_a_direction(tmp_path: Path) -> None:
+    """Squared, this one is no number: found by tests/akm_fg/test_fuzz_results.py."""
+    path = write(tmp_path, LINKS + joint(rest='<axis xyz="0 3e300 4e300"/>'))
+    np.testing.assert_allclose(read_urdf(path).joints[0].axis, [0.0, 0.6, 0.8])
