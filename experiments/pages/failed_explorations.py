@@ -1,6 +1,6 @@
 r"""Pictures of explorations that opened nothing, or did not know what they had opened.
 
-    python -m experiments.failed_explorations --models runs/closed-loop/furniture-116/models \
+    python -m experiments.pages.failed_explorations --models runs/closed-loop/furniture-116/models \
         --objects furniture-116/drawer-022 furniture-116/slide-001 --out failed.jpg
 
 Of each object, as `experiments.closed_loop` kept it: the frame before its first touch with the
