@@ -177,8 +177,9 @@ def _is_mostly_noise(fit: KindFit, problem: FitProblem) -> bool:
     passes any test against itself. A joint has to explain most of where they are.
     """
     tracks = fit.tracks
-    if problem.tracks.noise_known:
-        return False
+    one = tracks.observed.shape[1] == 1
+    if problem.tracks.noise_known or (fit.joint is None and one):
+        return False  # one point at rest is nothing but noise about its place
     p_world = problem.tracks.observations.p_world.transpose(0, 2, 1)[tracks.observed]
     apart_m2 = float(np.median(((p_world - np.median(p_world, axis=0)) ** 2).sum(axis=-1)))
     rest_m2 = float(np.median(tracks.squared_error_m2[tracks.observed]))

@@ -5,9 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from akm_fg.estimation.fit import fit_tracks
+from akm_fg.estimation.fit import fit_poses, fit_tracks
 from akm_fg.io.tracks import read_tracks
 from akm_fg.posterior import ArticulationPosterior
+from akm_fg.records import PoseTrack
 
 T, N = 10, 20
 
@@ -35,3 +36,8 @@ def test_a_small_part_with_much_noise_that_goes_far_is_a_joint(tmp_path) -> None
     way = np.linspace(0.0, 0.3, T)[:, None, None] * np.array([0.0, 1.0, 0.0])
     posterior = fitted(part + way + 5e-3 * rng.normal(size=(T, N, 3)), tmp_path)
     assert posterior.kind == "prismatic"
+
+
+def test_one_point_at_rest_is_nothing_but_noise_about_its_place() -> None:
+    p_world = np.random.default_rng(1).normal([0.3, 0.2, 0.5], 0.002, (60, 3))
+    assert fit_poses(PoseTrack(p_world, None, None, ())).kind == "rigid"
