@@ -195,7 +195,7 @@ class Joint:
         turn about the axis and slide along it by what `unit_twist` says of either.
         """
         twist = self.unit_twist
-        turned = np.cross(twist[2] * self.axis, p_world - self.origin)
+        turned = (p_world - self.origin) @ skew(twist[2] * self.axis).T
         return np.asarray(turned + twist[5] * self.axis)
 
     def reference_coordinates(self, q: Array, p_world: Array) -> Array:

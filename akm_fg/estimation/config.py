@@ -46,7 +46,8 @@ class SurfaceConfig:
     least_shared: float = 0.1  # of the patches of the view with fewer: what ties two views,
     least_shared_patches: int = 10  # at least
     usual_steps: float = 4.0  # that a part may go and come back by from one frame to the next
-    blocks_px: ClassVar[tuple[int, ...]] = (8, 16, 32, 64)  # sides of blocks that may err together
+    # Sides of blocks that may err together, each twice the last.
+    blocks_px: ClassVar[tuple[int, ...]] = (8, 16, 32, 64)
 
 
 @dataclass(frozen=True, slots=True)

@@ -287,9 +287,7 @@ class Relocalizer:
         """The state that the surface tells, looked for around a state; None where it tells none."""
         c, surface = self.config, self._likelihood.surface
         starts = [q] if reach <= self._narrow(q) else self._starts(frame, q, reach)
-        ends = [surface.solved(frame, self._noise, start, c.match) for start in starts]
-        best = max(ends, key=lambda end: end.found)
-        return self._checked(frame, best)
+        return self._checked(frame, surface.solved(frame, self._noise, np.array(starts), c.match))
 
     def _starts(self, frame: RgbdFrame, q: float, reach: float) -> list[float]:
         """The state itself, and the likeliest of the grid's about it: never beyond the range."""

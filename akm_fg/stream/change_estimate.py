@@ -26,6 +26,7 @@ from akm_fg.perception.config import PerceptionConfig
 from akm_fg.perception.moving_part.following import following
 from akm_fg.perception.observed import ObservedMotion
 from akm_fg.perception.surface.changed_surface import ChangedSurface
+from akm_fg.perception.surface.remembered_planes import RememberedPlanes
 from akm_fg.records import BoolArray, Recording
 from akm_fg.stages import ModelSettings
 from akm_fg.steps import Steps
@@ -58,6 +59,7 @@ class _Start:
     change: DepthMotion
     settings: ModelSettings
     knowledge: list[Given]
+    planes: RememberedPlanes
 
 
 def by_change_in_steps(
@@ -66,8 +68,17 @@ def by_change_in_steps(
     change: DepthMotion,
     settings: ModelSettings,
     knowledge: list[Given],
+    planes: RememberedPlanes | None = None,
 ) -> Steps[tuple[ObservedMotion, FittedKinds, NDArray[np.int_]]]:
     """Start from the motion that depth shows; the tracks that follow it take part.
+
+    Args:
+        recording: what was seen.
+        observed: in it.
+        change: the motion that depth shows.
+        settings: of the fit.
+        knowledge: what else is known.
+        planes: of its frames, as far as they were fitted before.
 
     Returns:
         What was seen with those tracks as the moving ones, all kinds, and which tracks took part.
@@ -86,7 +97,8 @@ def by_change_in_steps(
     )
     enough = moving.sum() >= MIN_POINTS and settings.sources != "surface"
     used = np.flatnonzero(moving) if enough else np.zeros(0, dtype=int)
-    start = _Start(recording, observed, used, change, settings, knowledge)
+    remembered = planes or RememberedPlanes()
+    start = _Start(recording, observed, used, change, settings, knowledge, remembered)
     answer = yield from _answer_from(start, guess, change.known[0])
     if used.size < perception.rig.least_tracks and not _faces_agree(answer, change, perception):
         answer = yield from _against_its_rival(start, answer)
@@ -129,7 +141,8 @@ def _answer_from(start: _Start, guess: JointGuess, known: BoolArray) -> Steps[_A
         known: (T,) where its states are.
     """
     settings, change = start.settings, start.change
-    surface = ChangedSurface(change.change, settings.seed, settings.perception.surface)
+    config = settings.perception.surface
+    surface = ChangedSurface(change.change, settings.seed, config, start.planes)
     fitted = yield from surface_in_steps(
         surface,
         guess,

@@ -32,6 +32,7 @@ from akm_fg.perception.config import PerceptionConfig
 from akm_fg.perception.depth.other_view import stands_still
 from akm_fg.perception.observed import ObservedMotion
 from akm_fg.perception.surface.part_surface import PartSurface
+from akm_fg.perception.surface.remembered_planes import RememberedPlanes
 from akm_fg.posterior import ArticulationPosterior
 from akm_fg.records import Recording
 from akm_fg.stages import ModelSettings, RecordingFit
@@ -71,9 +72,19 @@ def estimate_joint(
 
 
 def estimate_in_steps(
-    recording: Recording, observed: ObservedMotion, settings: ModelSettings
+    recording: Recording,
+    observed: ObservedMotion,
+    settings: ModelSettings,
+    planes: RememberedPlanes | None = None,
 ) -> Steps[JointEstimate]:
-    """`estimate_joint`, with a pause after every piece of work."""
+    """`estimate_joint`, with a pause after every piece of work.
+
+    Args:
+        recording: what was seen.
+        observed: in it.
+        settings: of the fit.
+        planes: of its frames, as far as they were fitted before.
+    """
     change = None
     if settings.sources != "tracks" and stands_still(recording.frames):  # pixels are compared
         change = yield from better_than_tracks(recording, observed, settings.perception)
@@ -90,7 +101,9 @@ def estimate_in_steps(
     if change is None:
         return (yield from by_tracks())
     try:
-        found = yield from by_change_in_steps(recording, observed, change, settings, knowledge)
+        found = yield from by_change_in_steps(
+            recording, observed, change, settings, knowledge, planes
+        )
     except InsufficientData as error:  # the tracks explain less of the change, but have a joint
         if not observed.segmentation.moving.any():
             raise

@@ -20,6 +20,7 @@ from akm_fg.perception.observe import MotionObserver
 from akm_fg.perception.observed import ObservedMotion
 from akm_fg.perception.rig.depth_against_colour import depth_unit_doubts
 from akm_fg.perception.rig.unseen import unseen_doubts
+from akm_fg.perception.surface.remembered_planes import RememberedPlanes
 from akm_fg.perception.tracking.track_store import SeenPoints
 from akm_fg.posterior import ArticulationPosterior, doubted
 from akm_fg.records import (
@@ -78,6 +79,7 @@ class SeenSoFar:
         self._watching_s = 0.0
         self._rig = RigDoubts(self.settings.perception)
         self._calibration = calibration
+        self._planes = RememberedPlanes()
 
     @property
     def frames(self) -> int:
@@ -145,7 +147,7 @@ class SeenSoFar:
         settings = replace(settings, sources=sources or settings.sources)
         observed = yield from self._observer.observed_in_steps(numbers)
         yield
-        return (yield from estimate_in_steps(clip, observed, settings))
+        return (yield from estimate_in_steps(clip, observed, settings, self._planes))
 
     def answer(self) -> RecordingFit:
         """What was seen so far and what it means, over all frames.

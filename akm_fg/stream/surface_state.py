@@ -79,8 +79,7 @@ class HeldSurface:
         """
         surface = self.surface
         starts = start + np.array(config.search_m) / surface.metres_per_unit(start)
-        ends = [surface.solved(frame, noise, q, config.match) for q in starts]
-        best = max(ends, key=lambda end: end.found)
+        best = surface.solved(frame, noise, starts, config.match)
         if best.found < config.least_share * len(surface.x_world):
             return None
         metres = surface.metres_per_unit(best.q)

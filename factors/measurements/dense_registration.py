@@ -78,6 +78,62 @@ class DenseCost:
     log_det_latent: float  # sum of log information of the latent places
 
 
+class PatchCosts:
+    """The cost of some patches at one set of motions after the other.
+
+    Solvers ask for it twice in a row at the same motions (a step's cost, then its derivatives), and
+    noise scales are found at motions that stay: what was found last is kept.
+
+    Args:
+        patches: the observations.
+        dof: degrees of freedom of the Student-t kernel.
+    """
+
+    def __init__(self, patches: PatchObservations, dof: float) -> None:
+        self.patches, self._dof = patches, dof
+        self._seen = patches.seen.astype(np.float64)
+        self._count = np.maximum(self._seen.sum(axis=0), 1)
+        self._motions: tuple[bytes, bytes] | None = None  # the last ones
+        self._along, self._middle = np.zeros(0), np.zeros(0)  # (K, S) and (3, S) there
+        self._scale = 0.0
+        self._cost: DenseCost | None = None  # there, at that scale
+
+    def at(self, R_world: Array, t_world: Array, scale: float) -> DenseCost:
+        """The cost at motions (K, 3, 3), (K, 3) from state zero: see `dense_cost`."""
+        motions = R_world.tobytes(), t_world.tobytes()
+        if motions != self._motions:
+            self._motions, self._cost = motions, None
+            self._along, self._middle = self._taken_back(R_world, t_world)
+        if self._cost is None or scale != self._scale:
+            self._scale, self._cost = scale, self._evaluated(scale)
+        return self._cost
+
+    def _taken_back(self, R_world: Array, t_world: Array) -> tuple[Array, Array]:
+        """Places (K, S) along the normals, and the mean points (3, S), in the reference pose."""
+        # Contiguous: products of many small matrices are five times slower otherwise.
+        back = np.ascontiguousarray(R_world.transpose(0, 2, 1)) @ (
+            self.patches.p_world - t_world[:, :, None]
+        )
+        middle = np.einsum("ks,kas->as", self._seen, back) / self._count
+        return np.einsum("as,kas->ks", self.patches.normal_world, back), middle
+
+    def _evaluated(self, scale: float) -> DenseCost:
+        n, precision = self.patches.normal_world, self.patches.precision / scale**2
+        m = _latent_places(self._along, precision, self._dof)
+        e = (self._along - m) * self._seen
+        d2 = precision * e * e
+        w = precision * weight(d2, self._dof, 1)
+        total = w.sum(axis=0)
+        return DenseCost(
+            twice_cost=float(twice_negative_log_kernel(d2, self._dof, 1).sum()),
+            e=e,
+            d2=d2,
+            weight=w,
+            x_world=self._middle + n * (m - (n * self._middle).sum(axis=0)),
+            log_det_latent=float(np.log(total[total > 0]).sum()),
+        )
+
+
 def dense_cost(
     R_world: Array, t_world: Array, patches: PatchObservations, dof: float, scale: float
 ) -> DenseCost:
@@ -90,25 +146,7 @@ def dense_cost(
         dof: degrees of freedom of the Student-t kernel.
         scale: factor on the observations' standard deviations.
     """
-    back = R_world.transpose(0, 2, 1) @ (patches.p_world - t_world[:, :, None])
-    n, seen = patches.normal_world, patches.seen
-    along = np.einsum("as,kas->ks", n, back)
-    precision = patches.precision / scale**2
-    m = _latent_places(along, precision, dof)
-    e = np.where(seen, along - m, 0.0)
-    d2 = precision * e * e
-    w = precision * weight(d2, dof, 1)
-    count = np.maximum(seen.sum(axis=0), 1)
-    middle = np.einsum("ks,kas->as", seen.astype(float), back) / count
-    total = w.sum(axis=0)
-    return DenseCost(
-        twice_cost=float(twice_negative_log_kernel(d2, dof, 1).sum()),
-        e=e,
-        d2=d2,
-        weight=w,
-        x_world=middle + n * (m - (n * middle).sum(axis=0)),
-        log_det_latent=float(np.log(total[total > 0]).sum()),
-    )
+    return PatchCosts(patches, dof).at(R_world, t_world, scale)
 
 
 def _latent_places(along: Array, precision: Array, dof: float) -> Array:
@@ -117,11 +155,15 @@ def _latent_places(along: Array, precision: Array, dof: float) -> Array:
     What lies far off was not associated: there is no outlier to start away from.
     """
     m = (precision * along).sum(axis=0) / np.maximum(precision.sum(axis=0), 1e-300)
+    e, w = np.empty_like(along), np.empty_like(along)
     for _ in range(_LATENT_ITERATIONS):
-        e = along - m
-        w = precision * weight(precision * e * e, dof, 1)
+        np.subtract(along, m, out=e)
+        np.multiply(e, e, out=w)
+        w *= precision
+        np.multiply(precision, weight(w, dof, 1), out=w)
         total = np.maximum(w.sum(axis=0), 1e-300)
-        step = (w * e).sum(axis=0) / total
+        w *= e
+        step = w.sum(axis=0) / total
         m += step
         if float((step**2 * total).mean()) < _LATENT_TOLERANCE:
             break
@@ -135,15 +177,16 @@ def dense_information(cost: DenseCost, patches: PatchObservations) -> tuple[Arra
     """
     K, S = cost.weight.shape
     n, w = patches.normal_world, cost.weight
-    J = np.concatenate([np.cross(n, cost.x_world, axis=0), -n]).T  # (S, 6)
+    J = np.concatenate([np.cross(n, cost.x_world, axis=0), -n])  # (6, S)
     H = np.zeros((K, 6, K, 6))
-    for k in range(K):
-        H[k, :, k] = (J * w[k][:, None]).T @ J
-    g = (w * cost.e) @ J  # (K, 6)
-    total = np.maximum(w.sum(axis=0), 1e-300)
-    held = ((w / np.sqrt(total)).T[:, :, None] * J[:, None, :]).reshape(S, 6 * K)
-    pull = (w * cost.e).sum(axis=0) / np.sqrt(total)
-    return H.reshape(6 * K, 6 * K) - held.T @ held, g.ravel() - held.T @ pull
+    frames = np.arange(K)
+    squares = (J[:, None] * J).reshape(36, S)
+    H[frames, :, frames] = (w @ squares.T).reshape(K, 6, 6)
+    g = (w * cost.e) @ J.T  # (K, 6)
+    total = np.sqrt(np.maximum(w.sum(axis=0), 1e-300))
+    held = (J * (w / total)[:, None]).reshape(6 * K, S)
+    pull = (w * cost.e).sum(axis=0) / total
+    return H.reshape(6 * K, 6 * K) - held @ held.T, g.ravel() - held @ pull
 
 
 def dense_normal_equations(
@@ -172,6 +215,7 @@ def dense_registration_factor(
     scale: float,
     count_as_one: float = 1.0,
     pitch_key: int | None = None,
+    costs: PatchCosts | None = None,
 ) -> gtsam.CustomFactor:
     """The factor over T_world_joint, the keyframes' states and a helical joint's pitch.
 
@@ -185,6 +229,7 @@ def dense_registration_factor(
         count_as_one: neighbouring observations that count as one (relative to those of other
             factors, where all are tempered alike afterwards).
         pitch_key: key of a helical joint's pitch (double), metres per radian.
+        costs: of these patches and `dof`, for those who go on asking for them where a graph ended.
 
     Raises:
         ValueError: the number of keys is not that of the keyframes, an unknown kind, a pitch key
@@ -194,12 +239,13 @@ def dense_registration_factor(
     variables = joint_variables(kind, joint_key, state_keys, pitch_key, patches.p_world.shape[0])
     if not (scale > 0 and count_as_one > 0):
         raise ValueError(f"scale {scale} and count_as_one {count_as_one}, expected > 0")
+    costs = costs or PatchCosts(patches, dof)
 
     def evaluate(
         joint: Joint, q: Array, want_equations: bool
     ) -> tuple[float, tuple[Array, Array] | None]:
         R, t = joint.motion(q)
-        cost = dense_cost(R, t, patches, dof, scale)
+        cost = costs.at(R, t, scale)
         equations = None
         if want_equations:
             H, g = dense_normal_equations(joint, q, cost, patches)

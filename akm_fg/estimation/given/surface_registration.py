@@ -27,8 +27,8 @@ from akm_fg.records import BoolArray, FloatArray
 from akm_fg.steps import Steps
 from factors.measurements.dense_registration import (
     DenseCost,
+    PatchCosts,
     PatchObservations,
-    dense_cost,
     dense_information,
 )
 from factors.motion_information import MotionInformation, motion_information
@@ -203,11 +203,12 @@ def _rescaled(
 ) -> tuple[SurfaceSource, DenseCost]:
     """With the noise scale that maximises the likelihood at fixed motions, and the cost there."""
     config, scale = source.config, source.first_scale
-    cost = dense_cost(R_world, t_world, source.patches, config.dof, scale)
+    costs = PatchCosts(source.patches, config.dof)
+    cost = costs.at(R_world, t_world, scale)
     for _ in range(config.scale_iterations):
         factor = source.scale_factor(cost)
         scale *= factor
-        cost = dense_cost(R_world, t_world, source.patches, config.dof, scale)
+        cost = costs.at(R_world, t_world, scale)
         if abs(math.log(factor)) < config.scale_tolerance:
             break
     return replace(source, first_scale=scale), cost
@@ -249,17 +250,28 @@ def readings_as_one(cost: DenseCost, patches: PatchObservations, uv: FloatArray)
     """
     seen = patches.seen
     limit = 3 * np.sqrt(np.median(cost.d2[seen]))
-    size = np.sqrt(np.maximum(cost.d2, 1e-300))
-    e = np.where(seen, np.sign(cost.e) * np.minimum(size, limit), 0.0)
-    variance = float((e[seen] ** 2).mean())
+    size = np.sqrt(cost.d2[seen])
+    e = np.sign(cost.e[seen]) * np.minimum(size, limit)
+    variance, sums = float((e**2).mean()), _block_sums(e, np.nonzero(seen)[0], uv[seen])
     largest = 1.0
-    for side_px in SurfaceConfig.blocks_px:
-        power = count = 0.0
-        for k in range(e.shape[0]):
-            s = seen[k]
-            block = np.floor(uv[k, s] / side_px).astype(np.int64)
-            _, index = np.unique(block[:, 0] * 100_003 + block[:, 1], return_inverse=True)
-            power += float((np.bincount(index, e[k, s]) ** 2).sum())
-            count += float(s.sum())
-        largest = max(largest, power / max(count * variance, 1e-300))
+    for _ in SurfaceConfig.blocks_px:
+        largest = max(largest, float((sums**2).sum()) / max(e.size * variance, 1e-300))
+        K, columns, rows = sums.shape
+        sums = sums.reshape(K, columns // 2, 2, rows // 2, 2).sum(axis=(2, 4))
     return largest
+
+
+def _block_sums(e: FloatArray, view: NDArray[np.int_], uv: FloatArray) -> FloatArray:
+    """(K, columns, rows) sums of values (n,) at pixels (n, 2) of K views over the smallest blocks.
+
+    Columns and rows are so many that they can be halved for every larger size of blocks.
+    """
+    sizes = SurfaceConfig.blocks_px
+    halved = 2 ** len(sizes)
+    block = np.floor(uv / sizes[0]).astype(np.int64)
+    block -= block.min(axis=0, initial=0) // halved * halved
+    columns, rows = (-(-(block.max(axis=0, initial=0) + 1) // halved) * halved).tolist()
+    place = (view * columns + block[:, 0]) * rows + block[:, 1]
+    K = int(view.max(initial=0)) + 1
+    sums = np.asarray(np.bincount(place, e, K * columns * rows), dtype=np.float64)
+    return sums.reshape(K, columns, rows)

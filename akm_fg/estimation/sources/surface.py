@@ -18,8 +18,8 @@ from akm_fg.records import FloatArray
 from factors.joint_variables import JointVariables
 from factors.measurements.dense_registration import (
     DenseCost,
+    PatchCosts,
     PatchObservations,
-    dense_cost,
     dense_normal_equations,
     dense_registration_factor,
 )
@@ -109,6 +109,7 @@ class SurfaceTerm(Term):
         self, source: SurfaceSource, part: Part, previous: SurfaceContribution | None
     ) -> None:
         self._source, self._part, self._previous = source, part, previous
+        self._costs = PatchCosts(source.patches, source.config.dof)
 
     def start_scale(self, near: bool) -> float:
         """What the registration left, or an earlier fit."""
@@ -127,13 +128,14 @@ class SurfaceTerm(Term):
                 scale,
                 source.count_as_one,
                 variables.pitch_key,
+                self._costs,
             )
         ]
 
     def _cost(self, at: At) -> DenseCost:
         source = self._source
         R, t = at.guess.joint.motion(at.guess.q[source.frames])
-        return dense_cost(R, t, source.patches, source.config.dof, at.scales[SURFACE])
+        return self._costs.at(R, t, at.scales[SURFACE])
 
     def rescaled(self, at: At, freedom: float, level: NoiseLevel | None) -> float:
         """One step of expectation maximisation; the readings' freedom is their own."""

@@ -11,6 +11,7 @@ nearer hides it and says nothing.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import cv2
@@ -174,19 +175,17 @@ def explained_share(
         x_world = np.concatenate([(here - t_world[t]) @ back.T, gone])
         own = np.concatenate([np.zeros(len(here), bool), np.ones(len(gone), bool)])
         # A vanished point must be seen in its own frame; a new one in the first.
-        seen_0, through_0 = _looked_up(change, 0, x_world)
-        seen_t, through_t = _looked_up(change, t, x_world @ R_world[t].T + t_world[t])
+        there = np.stack([x_world, x_world @ R_world[t].T + t_world[t]])
+        (seen_0, seen_t), (through_0, through_t) = _looked_up(change, [0, t], there)
         main_seen, main_through = np.where(own, seen_t, seen_0), np.where(own, through_t, through_0)
-        votes, judgements = np.zeros(len(x_world)), np.zeros(len(x_world))
-        for s in frames:
-            if s == t:
-                continue
-            seen, through = _looked_up(change, s, x_world @ R_world[s].T + t_world[s])
-            votes += seen.astype(float) - through
-            judgements += seen | through
+        others = [s for s in frames if s != t]
+        turned = np.ascontiguousarray(R_world[others].transpose(0, 2, 1))
+        moved = x_world @ turned + t_world[others][:, None]
+        seen, through = _looked_up(change, others, moved)
+        votes = seen.sum(axis=0) - through.sum(axis=0)
         good = main_seen | (~main_through & (votes > 0))
         explained += int(good.sum())
-        judged += int((main_seen | main_through | (judgements > 0)).sum())
+        judged += int((main_seen | main_through | (seen | through).any(axis=0)).sum())
     return explained / judged if judged else float("nan")
 
 
@@ -284,13 +283,20 @@ def nearest_pixels(
     return np.where(inside, u, 0).astype(int), np.where(inside, v, 0).astype(int), inside
 
 
-def _looked_up(change: DepthChange, frame: int, p_world: FloatArray) -> tuple[BoolArray, BoolArray]:
-    """Whether points (N, 3) are on the surface that a frame shows; whether it is seen beyond."""
-    view, config = change.recording.frames[frame], change.config
-    p_cam = (p_world - _eye(view.T_world_cam)) @ view.T_world_cam.rotation().matrix()
-    u, v, inside = nearest_pixels(view.camera, p_cam)
-    z = np.where(inside, view.depth_m[v, u], np.nan)
-    sigma = np.sqrt(2.0) * change.noise.sigma_m(p_cam[:, 2], view.camera.fx)
+def _looked_up(
+    change: DepthChange, frames: Sequence[int], p_world: FloatArray
+) -> tuple[BoolArray, BoolArray]:
+    """Whether points (F, N, 3) are on the surface that F frames show; whether it is seen beyond."""
+    views, config = [change.recording.frames[t] for t in frames], change.config
+    if not views:
+        none = np.zeros(p_world.shape[:2], dtype=bool)
+        return none, none
+    camera, T = views[0].camera, views[0].T_world_cam  # which stands still
+    p_cam = (p_world - _eye(T)) @ T.rotation().matrix()
+    u, v, inside = nearest_pixels(camera, p_cam)
+    seen = np.stack([view.depth_m[v[k], u[k]] for k, view in enumerate(views)])
+    z = np.where(inside, seen, np.nan)
+    sigma = np.sqrt(2.0) * change.noise.sigma_m(p_cam[..., 2], camera.fx)
     gate = config.share_sigmas * sigma + config.least_m
-    beyond = z - p_cam[:, 2]
+    beyond = z - p_cam[..., 2]
     return np.asarray(np.abs(beyond) < gate), np.asarray(beyond >= gate)

@@ -58,6 +58,7 @@ def face_planes(
     for t in keyframes[: config.first_frames]:
         first |= change.nearer[t]
     w_0 = _inverse_depth(change, 0)
+    before_0 = w_0 + _gate(change, w_0, config)
     on_object = first & change.on_object  # beside it, frame 0 shows what is behind the part
     at_rest = _largest_plane(change, w_0, on_object, rng, config)
     if at_rest is None:
@@ -69,7 +70,7 @@ def face_planes(
         plane = _largest_plane(change, w, change.nearer[t], rng, config)
         if plane is None:
             continue
-        plane, on = _unbiased(change, w, w_0, plane, config)
+        plane, on = _unbiased(change, w, before_0, plane, config)
         if on.sum() < config.min_pixels:
             continue
         frames.append(t)
@@ -133,19 +134,28 @@ def _largest_plane(
 
 
 def _unbiased(
-    change: DepthChange, w: FloatArray, w_0: FloatArray, plane: FloatArray, config: FaceConfig
+    change: DepthChange, w: FloatArray, before_0: FloatArray, plane: FloatArray, config: FaceConfig
 ) -> tuple[FloatArray, BoolArray]:
-    """The plane refitted to all pixels where it lies clearly before frame 0, and these (h, w)."""
-    v, u = np.mgrid[: w.shape[0], : w.shape[1]]
+    """The plane refitted to all pixels where it lies clearly before frame 0, and these (h, w).
+
+    Args:
+        change: of the recording.
+        w: (h, w) inverse depth of a frame.
+        before_0: (h, w) from which on it is clearly before that of frame 0.
+        plane: of inverse depth (3,).
+        config: tuning.
+    """
     on = np.zeros(w.shape, dtype=bool)
-    gate, gate_0 = _gate(change, w, config), _gate(change, w_0, config)
+    gate = _gate(change, w, config)
+    rows, columns = (np.arange(n, dtype=np.float64) for n in w.shape)
     for _ in range(config.refits):
-        expected = plane[0] + plane[1] * u + plane[2] * v
-        on = (np.abs(w - expected) < gate) & (expected - w_0 > gate_0)
-        if on.sum() < config.min_pixels:
+        expected = (plane[0] + plane[2] * rows)[:, None] + plane[1] * columns
+        on = (np.abs(w - expected) < gate) & (expected > before_0)
+        v, u = np.nonzero(on)
+        if u.size < config.min_pixels:
             break
-        A = np.column_stack([np.ones(int(on.sum())), u[on], v[on]])
-        plane = np.linalg.lstsq(A, w[on])[0]
+        A = np.column_stack([np.ones(u.size), u, v])
+        plane = np.asarray(np.linalg.solve(A.T @ A, A.T @ w[on]), dtype=np.float64)
     return plane, on
 
 

@@ -41,7 +41,7 @@ class DepthNoiseModel:
         """
         focal_px = self.depth_focal_px or fx
         stereo = self.disparity_sigma_px * np.square(depth_m) / (focal_px * self.baseline_m)
-        return np.asarray(np.hypot(stereo, self.floor_m), dtype=np.float64)
+        return np.sqrt(np.square(stereo, dtype=np.float64) + self.floor_m**2)
 
     def independent_samples(self, width_px: int) -> float:
         """How many independent readings a square window of this width holds, at least 1."""

@@ -67,25 +67,25 @@ class DepthPlanes:
         Pixels outside the image, without a plane, or NaN give NaN.
         """
         camera = self.camera
-        inside = np.asarray(np.isfinite(uv).all(axis=1))
-        whole = np.rint(np.where(inside[:, None], uv, -1.0)).astype(int)
-        inside &= (whole >= 0).all(axis=1)
-        inside &= (whole[:, 0] < camera.width) & (whole[:, 1] < camera.height)
-        u, v = np.where(inside[:, None], whole, 0).T
-        inside &= self.valid[v, u]
-        uv = np.where(inside[:, None], uv, 0.0)
-        b, c = self.slope_u[v, u].astype(float), self.slope_v[v, u].astype(float)
-        a = self.inverse_depth[v, u] + b * (uv[:, 0] - u) + c * (uv[:, 1] - v)
-        inside &= a > 0
-        a = np.where(inside, a, np.nan)
+        u, v = np.rint(uv[:, 0]), np.rint(uv[:, 1])  # NaN compares False
+        inside = (u >= 0) & (u < camera.width) & (v >= 0) & (v < camera.height)
+        place = np.where(inside, v * camera.width + u, 0).astype(int)
+        inside &= self.valid.ravel()[place]
+        place, u, v, uv = place[inside], u[inside], v[inside], uv[inside]
+        b, c = (k.ravel()[place].astype(float) for k in (self.slope_u, self.slope_v))
+        a = self.inverse_depth.ravel()[place] + b * (uv[:, 0] - u) + c * (uv[:, 1] - v)
+        a = np.where(a > 0, a, np.nan)
         rays = camera.back_project(uv, np.ones(len(uv)))
-        n_cam = np.stack([b * camera.fx, c * camera.fy, np.zeros_like(a)], axis=-1)
-        n_cam[:, 2] = a - (n_cam * rays).sum(axis=1)
-        n_cam /= -np.linalg.norm(n_cam, axis=1, keepdims=True)
-        R = self.T_world_cam.rotation().matrix()
-        sigma = self.noise.sigma_m(1 / a, camera.fx) * np.abs((n_cam * rays).sum(axis=1))
-        p_world = rays / a[:, None] @ R.T + self.T_world_cam.translation()
-        return PlaneSamples(p_world, n_cam @ R.T, sigma)
+        n_cam = np.stack([b * camera.fx, c * camera.fy, a], axis=-1)
+        n_cam[:, 2] -= n_cam[:, 0] * rays[:, 0] + n_cam[:, 1] * rays[:, 1]
+        n_cam /= -np.sqrt((n_cam * n_cam).sum(axis=1, keepdims=True))
+        R, eye = self.T_world_cam.rotation().matrix(), self.T_world_cam.translation()
+        p_world, normal = (np.full((len(inside), 3), np.nan) for _ in range(2))
+        sigma = np.full(len(inside), np.nan)
+        sigma[inside] = self.noise.sigma_m(1 / a, camera.fx) * np.abs((n_cam * rays).sum(axis=1))
+        p_world[inside] = rays / a[:, None] @ R.T + eye
+        normal[inside] = n_cam @ R.T
+        return PlaneSamples(p_world, normal, sigma)
 
 
 def depth_planes(
@@ -176,52 +176,77 @@ def plane_windows(
         config: tuning.
     """
     inverse = 1 / np.where(known, z, np.float32(np.inf))
-    middle = np.float32(np.median(inverse[known])) if known.any() else np.float32(0)
+    middle = np.float32(inverse.sum(dtype=np.float64) / max(np.count_nonzero(known), 1))
     offset = np.where(known, inverse - middle, 0)  # small numbers: float32 keeps the residuals
-    a, _, _, _, readings, _ = _planes(offset, known, config.radius_px)
-    safe = np.where(known, z, 1 / np.maximum(a + middle, _FARTHEST))
-    sigma = (noise.sigma_m(safe, camera.fx) / safe**2).astype(np.float32)  # of inverse depth
-    per_m = (1 / safe**2).astype(np.float32)
+    first = _Windows.of(offset, known, config.radius_px)
+    safe = np.where(known, z, 1 / np.maximum(first.value + middle, _FARTHEST))
+    per_m = (1 / np.square(safe)).astype(np.float32)  # of inverse depth
+    sigma = noise.sigma_m(safe, camera.fx).astype(np.float32) * per_m
     gate = np.float32(config.gate_sigmas) * sigma + np.float32(config.gate_m) * per_m
-    kept = known & (np.abs(offset - a) < gate)
-    a, b, c, mean_square, count, beside = _planes(np.where(kept, offset, 0), kept, config.radius_px)
+    kept = known & (np.abs(offset - first.value) < gate)
+    offset = np.where(kept, offset, 0)
+    fit = _Windows.of(offset, kept, config.radius_px)
+    a, b, c = fit.value + middle, fit.slope_u, fit.slope_v
     limit = np.float32(config.max_rms_sigmas) * sigma + np.float32(config.max_rms_m) * per_m
-    a += middle
-    plane = count >= config.min_share * (2 * config.radius_px + 1) ** 2
-    plane &= (mean_square < limit**2) & (a > 0)
-    plane &= (b * camera.fx) ** 2 + (c * camera.fy) ** 2 < (config.max_slope * a) ** 2
-    return PlaneWindows(a, b, c, readings, count, beside, plane, gate)
+    plane = fit.on_plane >= config.min_share * (2 * config.radius_px + 1) ** 2
+    plane &= (fit.mean_square(offset) < np.square(limit)) & (a > 0)
+    slope2 = np.square(b * np.float32(camera.fx)) + np.square(c * np.float32(camera.fy))
+    plane &= slope2 < np.square(np.float32(config.max_slope) * a)
+    return PlaneWindows(a, b, c, first.on_plane, fit.on_plane, fit.beside_px(), plane, gate)
 
 
-def _planes(
-    values: Image, known: BoolArray, radius: int
-) -> tuple[Image, Image, Image, Image, Image, Image]:
-    """Least-squares planes through `values` (0 where not known) in a window around each pixel.
+@dataclass(frozen=True, slots=True)
+class _Windows:
+    """Least-squares planes through values in a window around each pixel, (h, w) all."""
 
-    Returns value and slopes at the middle, mean squared residual, number of readings, and how far
-    from the middle their own middle is, pixels; (h, w).
-    """
-    one = np.ones(2 * radius + 1, np.float32)
-    ramp = np.arange(-radius, radius + 1, dtype=np.float32)
+    radius: int
+    value: Image  # at the middle
+    slope_u: Image
+    slope_v: Image
+    on_plane: Image  # number of readings; 0 where these lie on a line
+    share: Image  # of one reading
+    mean: Image  # of the values
+    mean_u: Image  # of the readings' places, pixels from the middle
+    mean_v: Image
+    pull_u: Image  # sum of the values times places, from their means
+    pull_v: Image
 
-    def window(image: Image, along_u: Image, along_v: Image) -> Image:
-        got = cv2.sepFilter2D(image, cv2.CV_32F, along_u, along_v, borderType=cv2.BORDER_CONSTANT)
-        return np.asarray(got, dtype=np.float32)
+    @staticmethod
+    def of(values: Image, known: BoolArray, radius: int) -> _Windows:
+        """Through `values`, which are 0 where not known."""
+        one = np.ones(2 * radius + 1, np.float32)
+        ramp = np.arange(-radius, radius + 1, dtype=np.float32)
+        m = known.astype(np.float32)
+        n = _window(m, one, one)
+        share = 1 / np.maximum(n, 1)
+        u, v = _window(m, ramp, one), _window(m, one, ramp)
+        mean, mean_u, mean_v = _window(values, one, one) * share, u * share, v * share
+        uu = _window(m, ramp**2, one) - u * mean_u  # from the means: a 2 x 2 system is left
+        vv = _window(m, one, ramp**2) - v * mean_v
+        uv = _window(m, ramp, ramp) - u * mean_v
+        pull_u = _window(values, ramp, one) - u * mean
+        pull_v = _window(values, one, ramp) - v * mean
+        determinant = uu * vv - uv * uv
+        solvable = determinant > 1e-3 * np.square(np.maximum(n, 1))  # less: readings on a line
+        inverse = 1 / np.where(solvable, determinant, np.float32(np.inf))
+        b, c = (vv * pull_u - uv * pull_v) * inverse, (uu * pull_v - uv * pull_u) * inverse
+        a = mean - b * mean_u - c * mean_v
+        on_plane = np.where(solvable, n, 0)
+        return _Windows(radius, a, b, c, on_plane, share, mean, mean_u, mean_v, pull_u, pull_v)
 
-    m = known.astype(np.float32)
-    n, u, v = window(m, one, one), window(m, ramp, one), window(m, one, ramp)
-    s, su, sv = (window(values, *k) for k in ((one, one), (ramp, one), (one, ramp)))
-    share = 1 / np.maximum(n, 1)
-    uu = window(m, ramp**2, one) - u * u * share  # centred on the readings: a 2 x 2 system is left
-    vv = window(m, one, ramp**2) - v * v * share
-    uv = window(m, ramp, ramp) - u * v * share
-    su -= u * s * share
-    sv -= v * s * share
-    determinant = uu * vv - uv * uv
-    solvable = determinant > 1e-3 * np.maximum(n, 1) ** 2  # less: readings on a line
-    inverse = np.where(solvable, 1 / np.where(solvable, determinant, 1), 0)
-    b, c = (vv * su - uv * sv) * inverse, (uu * sv - uv * su) * inverse
-    a = (s - b * u - c * v) * share
-    left = window(values * values, one, one) - s * s * share - b * su - c * sv
-    beside = np.hypot(u, v) * share
-    return a, b, c, np.maximum(left, 0) * share, np.where(solvable, n, 0), beside
+    def mean_square(self, values: Image) -> Image:
+        """Of the residuals of these values."""
+        one = np.ones(2 * self.radius + 1, np.float32)
+        square = _window(values * values, one, one) * self.share - np.square(self.mean)
+        square -= (self.slope_u * self.pull_u + self.slope_v * self.pull_v) * self.share
+        return np.maximum(square, 0)
+
+    def beside_px(self) -> Image:
+        """From the pixel to the middle of its readings."""
+        return np.asarray(np.sqrt(np.square(self.mean_u) + np.square(self.mean_v)))
+
+
+def _window(image: Image, along_u: Image, along_v: Image) -> Image:
+    """Sums over windows around all pixels, weighed along both axes."""
+    got = cv2.sepFilter2D(image, cv2.CV_32F, along_u, along_v, borderType=cv2.BORDER_CONSTANT)
+    return np.asarray(got, dtype=np.float32)

@@ -156,14 +156,26 @@ class StillCamera:
     def motion(self, frames: dict[int, RgbdFrame]) -> CameraMotion | None:
         """Of some frames by their numbers; None where the camera does what is said of it."""
         c, numbers = self._config, sorted(frames)
-        picks = np.unique(np.linspace(0, len(numbers) - 1, c.frames).round().astype(int))
-        told = {numbers[i]: self.shift(numbers[i], frames[numbers[i]]) for i in picks[1:]}
+        picks = self._picked(np.array(numbers))
+        told = {number: self.shift(number, frames[number]) for number in picks}
         known = {k: s for k, s in told.items() if s is not None}
         moved = [k for k, s in known.items() if s.moved]
         if len(moved) < (c.least_frames if len(known) > c.least_frames else 1):
             return None
         said = not stands_still(frames.values())
         return CameraMotion(moved[0], max(known[k].off_m for k in moved), said)
+
+    def _picked(self, numbers: NDArray[np.int_]) -> list[int]:
+        """Of frames (numbers, growing), those to compare: spread evenly, but for those known."""
+        spread = np.linspace(0, numbers.size - 1, self._config.frames)[1:]
+        reach = 0.5 * (numbers.size - 1) / max(self._config.frames - 1, 1)
+        known = np.flatnonzero(np.isin(numbers[1:], list(self._known))) + 1
+        picks = set()
+        for place in spread:
+            near = known[np.abs(known - place) <= reach]
+            nearest = near[np.abs(near - place).argmin()] if near.size else round(place)
+            picks.add(int(numbers[int(nearest)]))
+        return sorted(picks - {int(numbers[0])})
 
     def _by_corners(self, frame: RgbdFrame) -> CameraShift | None:
         c, camera = self._config, self._first.camera
@@ -279,8 +291,9 @@ def _fitted(e: FloatArray, J: FloatArray, floor: float, config: CameraMotionConf
     for _ in range(config.iterations):
         scale = max(floor, _MAD * float(np.sqrt(np.median(square))))
         w = weight(square * k / scale**2, config.dof, k) / scale**2
-        information = np.einsum("n,nki,nkj->ij", w, J, J) + prior
-        xi = np.linalg.solve(information, np.einsum("n,nki,nk->i", w, J, e))
+        weighted = (w[:, None, None] * J).reshape(-1, 6).T
+        information = weighted @ J.reshape(-1, 6) + prior
+        xi = np.asarray(np.linalg.solve(information, weighted @ e.ravel()), dtype=np.float64)
         square = ((e - J @ xi) ** 2).sum(axis=1) / k
     way = float(np.sqrt(((J @ xi) ** 2).sum(axis=1).mean() / k))
     near = np.sqrt(square) < max(config.agreeing_sigmas * floor, config.agreeing_way * way)

@@ -79,8 +79,8 @@ def depth_lag(frames: Sequence[RgbdFrame], config: DepthAgainstColourConfig) -> 
         return None
     step = max(1, round(config.stride_px * frames[0].depth_m.shape[1] / 640))
     z = np.stack([f.depth_m[::step, ::step] for f in frames])
-    rgb = (cv2.cvtColor(f.rgb, cv2.COLOR_RGB2GRAY)[::step, ::step] for f in frames)
-    gray = np.stack(list(rgb)).astype(np.float32)
+    rgb = (np.ascontiguousarray(f.rgb[::step, ::step]) for f in frames)
+    gray = np.array([cv2.cvtColor(image, cv2.COLOR_RGB2GRAY) for image in rgb], dtype=np.uint8)
     covered = _lags(z, gray, config)
     uncovered = -_lags(z[::-1], gray[::-1], config)  # backwards in time an edge covers them
     if min(covered.size, uncovered.size) < config.least_pixels:
@@ -95,7 +95,7 @@ def depth_lag(frames: Sequence[RgbdFrame], config: DepthAgainstColourConfig) -> 
 
 
 def _lags(
-    z: NDArray[np.float32], gray: NDArray[np.float32], config: DepthAgainstColourConfig
+    z: NDArray[np.float32], gray: NDArray[np.uint8], config: DepthAgainstColourConfig
 ) -> NDArray[np.int_]:
     """Lags (n,) of pixels that stood still until an edge covered them, of (T, h, w) images.
 
@@ -104,9 +104,12 @@ def _lags(
     T = len(z)
     with np.errstate(invalid="ignore"):
         off = np.abs(z - z[0])
+        some = (off > config.step_m).any(axis=0)  # few pixels step at all
+        off = off[:, some]
         rested = np.logical_and.accumulate(off < config.still_m, axis=0)  # NaN: False
         stepped = rested[:-1] & (off[1:] > config.step_m)
-    other = np.abs(gray - gray[0]) > config.gray
+    shades = gray[:, some].astype(np.float32)
+    other = np.abs(shades - shades[0]) > config.gray
     first_other = np.where(other.any(axis=0), other.argmax(axis=0), T)
     found = [np.zeros(0, dtype=int)]
     for t in range(1, T):

@@ -9,10 +9,10 @@ import cv2
 import numpy as np
 
 from akm_fg.perception.change.depth_change import DepthChange, surface_points
-from akm_fg.perception.depth.depth_planes import depth_planes
 from akm_fg.perception.surface.part_cloud import sample_cloud
 from akm_fg.perception.surface.part_surface import SurfaceConfig
 from akm_fg.perception.surface.patches import PatchViews
+from akm_fg.perception.surface.remembered_planes import RememberedPlanes
 from akm_fg.records import BoolArray, FloatArray
 from akm_fg.steps import Steps
 
@@ -28,6 +28,7 @@ class ChangedSurface:
     change: DepthChange
     seed: int = 0
     config: SurfaceConfig = field(default_factory=SurfaceConfig)
+    planes: RememberedPlanes = field(default_factory=RememberedPlanes)
 
     def views(
         self, frames: Sequence[int], R_world: FloatArray, t_world: FloatArray, known: BoolArray
@@ -40,7 +41,7 @@ class ChangedSurface:
         fitted, clouds = [], []
         for t in numbers:
             frame = self.change.recording.frames[t]
-            planes = depth_planes(frame, self.change.noise, around, self.config.planes)
+            planes = self.planes.of(frame, self.change.noise, around, self.config.planes)
             fitted.append(planes)
             on_part = replace(planes, valid=planes.valid & self.change.mask(t))
             clouds.append(sample_cloud(on_part, t, rng, stride_px=self.config.patches.stride_px))

@@ -29,11 +29,11 @@ class KnownSurfaceConfig:
 
 @dataclass(frozen=True, slots=True)
 class Readings:
-    """What a depth image says at S points."""
+    """What a depth image says at S points, in one place or in several."""
 
-    off_m: FloatArray  # (S,) how far the depth lies off them, along their normals
-    sigma_m: FloatArray  # (S,) its standard deviation
-    seen: BoolArray  # (S,) where there is a depth, on the side that the normal points to
+    off_m: FloatArray  # (..., S) how far the depth lies off them, along their normals
+    sigma_m: FloatArray  # (..., S) its standard deviation
+    seen: BoolArray  # (..., S) where there is a depth, on the side that the normal points to
 
 
 @dataclass(frozen=True, slots=True)
@@ -66,34 +66,46 @@ class KnownSurface:
         return float(np.sqrt((way**2).sum(axis=1).mean()))
 
     def solved(
-        self, frame: RgbdFrame, noise: DepthNoiseModel, q: float, config: KnownSurfaceConfig
+        self,
+        frame: RgbdFrame,
+        noise: DepthNoiseModel,
+        starts: FloatArray,
+        config: KnownSurfaceConfig,
     ) -> Found:
-        """Gauss-Newton from a state.
+        """Gauss-Newton from several states at once; of the ends, the one that finds most points.
 
         Args:
             frame: its depth.
             noise: of single readings.
-            q: roughly the state.
+            starts: (M,) roughly the state.
             config: tuning.
         """
-        solved = Found(q, 0.0, 0, 0.0, np.zeros(len(self.x_world), dtype=bool))
+        M, S = starts.size, len(self.x_world)
+        q, information, along_m = starts.astype(np.float64), np.zeros(M), np.zeros(M)
+        good, going = np.zeros((M, S), dtype=bool), np.ones(M, dtype=bool)
         for gate_m in config.gates_m:
-            x, n = self.moved(solved.q)
+            R, t = (each[going] for each in self.joint.motion(q))
+            Rt = np.ascontiguousarray(R.transpose(0, 2, 1))
+            x, n = self.x_world @ Rt + t[:, None], self.normal_world @ Rt
             read = readings(frame, noise, x, n, config.least_cosine)
-            off = np.abs(read.off_m) < gate_m + config.gate_sigmas * read.sigma_m
-            good = read.seen & off
-            J = (self.joint.velocity(x) * n).sum(axis=1)[good]
-            e, sigma = read.off_m[good], read.sigma_m[good]
-            w = weight((e / sigma) ** 2, config.dof, 1) / sigma**2
-            information = float((w * J * J).sum())
-            if information <= 0:
-                break
-            step, along_m = float((w * J * e).sum()) / information, float(np.sqrt((J**2).mean()))
+            near = read.seen & (np.abs(read.off_m) < gate_m + config.gate_sigmas * read.sigma_m)
+            way = self.joint.velocity(x)
+            J, e = np.where(near, (way * n).sum(axis=-1), 0.0), np.where(near, read.off_m, 0.0)
+            w = weight((e / read.sigma_m) ** 2, config.dof, 1) / read.sigma_m**2
+            told, pull = (w * J * J).sum(axis=1), (w * J * e).sum(axis=1)
+            some = told > 0  # the others stay where they are
+            going[going] = some
             # From farther than its gate it sees other surfaces.
-            most = 2.0 * gate_m / max(self.metres_per_unit(solved.q), 1e-9)
-            step = float(np.clip(step, -most, most))
-            solved = Found(solved.q + step, information, int(good.sum()), along_m, good)
-        return solved
+            metres = np.sqrt((way[some] ** 2).sum(axis=-1).mean(axis=1))
+            most = 2.0 * gate_m / np.maximum(metres, 1e-9)
+            q[going] += np.clip(pull[some] / told[some], -most, most)
+            information[going], good[going] = told[some], near[some]
+            along_m[going] = np.sqrt((J[some] ** 2).sum(axis=1) / near[some].sum(axis=1))
+            if not some.any():
+                break
+        found = good.sum(axis=1)
+        k = int(found.argmax())
+        return Found(float(q[k]), float(information[k]), int(found[k]), float(along_m[k]), good[k])
 
 
 def readings(
@@ -103,18 +115,18 @@ def readings(
     normal_world: FloatArray,
     least_cosine: float,
 ) -> Readings:
-    """What the depth says at points (S, 3) with normals (S, 3)."""
+    """What the depth says at points (..., S, 3) with normals (..., S, 3)."""
     camera, T = frame.camera, frame.T_world_cam
     R, eye = T.rotation().matrix(), T.translation()
     rays = x_world - eye
-    cosine = -(normal_world * rays).sum(axis=1) / np.linalg.norm(rays, axis=1)
+    cosine = -(normal_world * rays).sum(axis=-1) / np.sqrt((rays * rays).sum(axis=-1))
     uv = np.nan_to_num(camera.project(rays @ R), nan=-1.0).round()
-    seen = (uv >= 0).all(axis=1) & (uv[:, 0] < camera.width) & (uv[:, 1] < camera.height)
-    u, v = np.where(seen[:, None], uv, 0).astype(int).T
-    z = frame.depth_m[v, u].astype(np.float64)
+    seen = (uv >= 0).all(axis=-1) & (uv[..., 0] < camera.width) & (uv[..., 1] < camera.height)
+    whole = np.where(seen[..., None], uv, 0).astype(int)
+    z = frame.depth_m[whole[..., 1], whole[..., 0]].astype(np.float64)
     seen &= np.isfinite(z) & (z > 0) & (cosine > least_cosine)
     z = np.where(seen, z, 1.0)
     p_world = camera.back_project(uv, z) @ R.T + eye
-    e = ((p_world - x_world) * normal_world).sum(axis=1)
+    e = ((p_world - x_world) * normal_world).sum(axis=-1)
     sigma = noise.sigma_m(z, camera.fx) * np.maximum(cosine, least_cosine)
     return Readings(e, sigma, np.asarray(seen))

@@ -41,18 +41,49 @@ class PatchConfig:
 
 
 @dataclass(frozen=True, slots=True)
+class LookedFor:
+    """Patches, not all of which are seen again, under one set of motions."""
+
+    R_world: FloatArray  # (K, 3, 3)
+    t_world: FloatArray  # (K, 3)
+    x_world: FloatArray  # (3, S) in the reference pose
+    normal_world: FloatArray  # (3, S)
+    gate_m: float
+    uv: FloatArray  # (K, S, 2) pixels where they were looked for
+    found: BoolArray  # (K, S)
+
+    def moved(self, k: int) -> tuple[FloatArray, FloatArray]:
+        """Points and normals (3, S) in a view."""
+        R = self.R_world[k]
+        return R @ self.x_world + self.t_world[k][:, None], R @ self.normal_world
+
+
+@dataclass(frozen=True, slots=True)
 class Association:
     """Patches and their observations under one set of motions."""
 
-    patches: PatchObservations
+    patches: PatchObservations  # those that are seen again
     uv: FloatArray  # (K, S, 2) pixels where they were looked for
-    # (K,) share of the first view's patches, of those that face the camera and are not covered, in
-    # whose place something farther away is seen; NaN where too few are judged.
-    seen_through: FloatArray
-    # (K,) share of a view's patches, of those whose surface should have moved, in whose place is
-    # what was there before: seen in the first view (it rests), or hidden in it where the part came
-    # nearer (it is what the part has covered); NaN where too few are judged.
-    was_there: FloatArray
+    views: PatchViews
+    looked_for: LookedFor
+
+    @property
+    def seen_through(self) -> FloatArray:
+        """(K,) share of a view in which the part is not: something farther away is seen.
+
+        Of the first view's patches that face the camera and are not covered; NaN where too few are
+        judged.
+        """
+        return self.views.seen_through(self.looked_for)
+
+    @property
+    def was_there(self) -> FloatArray:
+        """(K,) share of a view's patches in whose place is what was there before.
+
+        Of those whose surface should have moved: seen in the first view (it rests), or hidden in it
+        where the part came nearer (it is what the part has covered); NaN where too few are judged.
+        """
+        return self.views.was_there(self.looked_for)
 
 
 @dataclass(frozen=True, slots=True)
@@ -77,30 +108,21 @@ class PatchViews:
         K, S = len(self.planes), x.shape[1]
         p_world, precision = np.zeros((K, 3, S)), np.zeros((K, S))
         normal, uv = np.zeros((3, S)), np.full((K, S, 2), np.nan)
-        farther, same, went = (np.zeros((K, S), dtype=bool) for _ in range(3))
+        looked_for = LookedFor(R_world, t_world, x, n, gate_m, uv, np.zeros((K, S), dtype=bool))
         least_cosine = np.cos(self.config.max_normal_angle_rad)
-        x_first = R_world[0] @ x + t_world[0][:, None]
         for k, planes in enumerate(self.planes):
-            moved = R_world[k] @ x + t_world[k][:, None]
+            moved, expected = looked_for.moved(k)
             p_cam = planes.T_world_cam.inverse().matrix()[:3] @ np.vstack([moved, np.ones(S)])
             uv[k] = planes.camera.project(p_cam.T)
             at = planes.at(uv[k])
-            expected = R_world[k] @ n
             off = np.abs((expected * (at.p_world.T - moved)).sum(axis=0))
             good = (expected * at.normal_world.T).sum(axis=0) > least_cosine
             good &= off < gate_m
-            behind, clear_m = self._behind(k, uv[k], moved, expected, gate_m)
-            farther[k] = behind > clear_m
-            before, clear_m = self._behind(0, uv[k], moved, expected, gate_m)
-            came = np.abs((expected * (moved - x_first)).sum(axis=0)) > 2 * clear_m
-            covered = self.came_nearer and len(self.clouds[k].p_world) >= self.config.least_judged
-            same[k] = (np.abs(before) < clear_m) | (covered & (before < -clear_m))
-            went[k] = good & came & np.isfinite(before)
+            looked_for.found[k] = good
             p_world[k][:, good] = at.p_world[good].T
             precision[k, good] = at.sigma_normal_m[good] ** -2
             normal[:, good] += R_world[k].T @ at.normal_world[good].T
-        judged = ((precision > 0) | farther) & (precision[:1] > 0).any(axis=0)
-        kept = (precision > 0).sum(axis=0) >= self.config.min_views
+        kept = looked_for.found.sum(axis=0) >= self.config.min_views
         normal = normal[:, kept]
         return Association(
             PatchObservations(
@@ -109,9 +131,31 @@ class PatchViews:
                 normal / np.maximum(np.linalg.norm(normal, axis=0), 1e-12),
             ),
             uv[:, kept],
-            self._share(farther, judged),
-            self._share(same, went),
+            self,
+            looked_for,
         )
+
+    def seen_through(self, looked_for: LookedFor) -> FloatArray:
+        """See `Association.seen_through`."""
+        farther = np.zeros(looked_for.found.shape, dtype=bool)
+        for k in range(len(self.planes)):
+            behind, clear_m = self._behind(k, k, looked_for)
+            farther[k] = behind > clear_m
+        judged = (looked_for.found | farther) & looked_for.found[:1].any(axis=0)
+        return self._share(farther, judged)
+
+    def was_there(self, looked_for: LookedFor) -> FloatArray:
+        """See `Association.was_there`."""
+        same, went = (np.zeros(looked_for.found.shape, dtype=bool) for _ in range(2))
+        x_first, _ = looked_for.moved(0)
+        for k in range(len(self.planes)):
+            before, clear_m = self._behind(0, k, looked_for)
+            moved, expected = looked_for.moved(k)
+            came = np.abs((expected * (moved - x_first)).sum(axis=0)) > 2 * clear_m
+            covered = self.came_nearer and len(self.clouds[k].p_world) >= self.config.least_judged
+            same[k] = (np.abs(before) < clear_m) | (covered & (before < -clear_m))
+            went[k] = looked_for.found[k] & came & np.isfinite(before)
+        return self._share(same, went)
 
     def _share(self, those: BoolArray, judged: BoolArray) -> FloatArray:
         """(K,) share of the patches (K, S) that are judged; NaN where they are too few."""
@@ -119,14 +163,13 @@ class PatchViews:
         share = (those & judged).sum(axis=1) / np.maximum(count, 1)
         return np.where(count >= self.config.least_judged, share, np.nan)
 
-    def _behind(
-        self, k: int, uv: FloatArray, moved: FloatArray, normal: FloatArray, gate_m: float
-    ) -> tuple[FloatArray, FloatArray]:
-        """How far behind patches (3, S) a view sees something, and what is clearly off.
+    def _behind(self, view: int, k: int, looked_for: LookedFor) -> tuple[FloatArray, FloatArray]:
+        """How far behind patches, where they are in view k, a view sees something, and clearly so.
 
         Along their normals (S,), NaN where a patch does not face the camera or nothing is seen.
         """
-        planes = self.planes[k]
+        planes, uv = self.planes[view], looked_for.uv[k]
+        moved, normal = looked_for.moved(k)
         rays = moved - planes.T_world_cam.translation()[:, None]
         cosine = -(normal * rays).sum(axis=0) / np.linalg.norm(rays, axis=0)
         camera = planes.camera
@@ -136,7 +179,7 @@ class PatchViews:
         expected_m = planes.T_world_cam.rotation().matrix()[:, 2] @ rays
         behind = (seen_m - expected_m) * cosine
         facing = inside & (cosine > self.config.least_cosine)
-        clear_m = gate_m + 3 * planes.noise.sigma_m(expected_m, camera.fx)
+        clear_m = looked_for.gate_m + 3 * planes.noise.sigma_m(expected_m, camera.fx)
         return np.where(facing, behind, np.nan), np.asarray(clear_m)
 
     def _patches(self, R_world: FloatArray, t_world: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -151,7 +194,7 @@ class PatchViews:
         while True:
             first = _first_of_each(np.floor(x / cell).astype(np.int64))
             if first.size <= self.config.max_patches:
-                return x[first].T, n[first].T
+                return np.ascontiguousarray(x[first].T), np.ascontiguousarray(n[first].T)
             cell *= 1.1 * np.sqrt(first.size / self.config.max_patches)
 
 

@@ -7,11 +7,12 @@ from dataclasses import dataclass, replace
 import gtsam
 import numpy as np
 import pytest
-from numpy.testing import assert_allclose
+from numpy.testing import assert_allclose, assert_array_equal
 
 from factors.finite_differences import analytic_gradient, central_difference, numeric_gradient
 from factors.joint import Joint
 from factors.measurements.dense_registration import (
+    PatchCosts,
     PatchObservations,
     dense_cost,
     dense_information,
@@ -426,3 +427,26 @@ def test_a_patch_lies_where_most_of_its_readings_see_it():
     assert_allclose(cost.x_world[:2, 0], [0.045, 0.0], atol=1e-12)
     assert abs(cost.x_world[2, 0] - 0.2) < 3e-4  # the mean is 5 mm off
     assert_allclose(cost.e[:, 0], p[:, 2, 0] - cost.x_world[2, 0], atol=1e-12)
+
+
+def test_costs_asked_for_in_any_order_are_those_asked_for_alone(surface):
+    s = surface(sigma=3.0)
+    costs = PatchCosts(s.patches, ROBUST)
+    places = [
+        Joint(s.kind, T, s.pitch).motion(q)
+        for T, q in ((s.T_world_joint, s.q), _off(s), _off(s, 1e-2))
+    ]
+    for number, scale in ((0, 1.0), (1, 1.0), (1, 2.5), (2, 1.0), (0, 1.0), (0, 0.7)):
+        got = costs.at(*places[number], scale)
+        alone = dense_cost(*places[number], s.patches, ROBUST, scale)
+        assert got.twice_cost == alone.twice_cost
+        assert_array_equal(got.x_world, alone.x_world)
+        assert_array_equal(got.weight, alone.weight)
+
+
+def test_a_cost_asked_for_twice_is_found_once(surface):
+    s = surface()
+    costs, (R, t) = PatchCosts(s.patches, ROBUST), Joint(s.kind, s.T_world_joint, 0.0).motion(s.q)
+    first = costs.at(R, t, 1.0)
+    assert costs.at(R.copy(), t.copy(), 1.0) is first
+    assert costs.at(R, t, 1.1) is not first

@@ -10,7 +10,7 @@ import pytest
 from akm_fg.errors import InsufficientData
 from akm_fg.perception.depth.depth_noise import DepthNoiseModel
 from akm_fg.perception.depth.object_mask import DepthObjectSegmenter
-from akm_fg.perception.rig.camera_motion import StillCamera
+from akm_fg.perception.rig.camera_motion import CameraMotionConfig, StillCamera
 from akm_fg.pipeline import fit_recording
 from akm_fg.posterior import ArticulationPosterior
 from akm_fg.records import Recording
@@ -178,3 +178,26 @@ def test_of_a_plain_part_before_a_moving_camera_nothing_is_claimed(
         return
     assert posterior.kind == "undecided"
     assert any("before a camera that moves" in w for w in posterior.fit.warnings)
+
+
+def test_of_frames_that_go_on_few_are_compared_that_were_not_before(
+    door_behind_robot, monkeypatch
+) -> None:
+    compared = []
+    by_corners = StillCamera._by_corners
+
+    def counted(camera, frame):
+        compared.append(frame.stamp_s)
+        return by_corners(camera, frame)
+
+    monkeypatch.setattr(StillCamera, "_by_corners", counted)
+    config = CameraMotionConfig(frames=5)
+    frames = door_behind_robot.frames
+    first = frames[0]
+    mask = DepthObjectSegmenter().segment(first)
+    still = StillCamera(first, mask, DepthNoiseModel(), config)
+    assert len(frames) >= 14
+    still.motion(dict(enumerate(frames[:12])))
+    assert len(compared) == 4
+    still.motion(dict(enumerate(frames[:14])))
+    assert len(compared) == 5, "the new end alone"
