@@ -9,6 +9,7 @@ import numpy as np
 
 from akm_fg.exploration.belief import BeliefConfig
 from akm_fg.exploration.parts.config import PartsConfig
+from akm_fg.exploration.seen_anew import SeenAnewConfig
 from akm_fg.exploration.stopping import StopConfig
 from akm_fg.exploration.suppression import SuppressionConfig
 from akm_fg.planning.opening_path import HandLimits
@@ -56,6 +57,7 @@ class ExploreConfig:
     stopping: StopConfig = field(default_factory=StopConfig)
     parts: int = 1  # that are looked for; 0: all that open
     several: PartsConfig = field(default_factory=PartsConfig)
+    anew: SeenAnewConfig = field(default_factory=SeenAnewConfig)
     # Of an object of which nothing is known: that it opens at all. The contacts share it.
     opens_at_all: float = 0.95
     same_contact_m: float = 0.02  # candidates nearer than this are one

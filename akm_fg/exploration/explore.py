@@ -22,6 +22,7 @@ from akm_fg.exploration.config import ExploreConfig
 from akm_fg.exploration.parts.keep import Keeper, PartModels
 from akm_fg.exploration.processor_time import taking
 from akm_fg.exploration.records import Attempt, Contact, Exploration, Hypothesis
+from akm_fg.exploration.seen_anew import changed, followed
 from akm_fg.exploration.suppression import SuppressedMap
 from akm_fg.grasping.between import between
 from akm_fg.interfaces import Arm, Camera
@@ -198,14 +199,14 @@ def _tried(
     belief: Belief,
     hypothesis: Hypothesis,
 ) -> Tried:
+    frame = camera.capture()
+    seen = _seen_anew(frame, explorer, exploration, belief, hypothesis.contact)
     contact = exploration.contacts[hypothesis.contact]
     attempt = Attempt(hypothesis, contact, belief.probability(hypothesis))
     number = len(exploration.attempts)
     exploration.attempts.append(attempt)
     observer.begun(number, attempt)
-    frame = camera.capture()
     with taking(exploration.time_s, "grasps"):
-        seen = frame if _any_moved(exploration) else exploration.first_look or frame
         grasps = list(explorer.grasps(seen, contact))
     grasps = others_first(grasps, exploration, hypothesis)
     tried, stream = Tried(attempt), explorer.stream(number)
@@ -215,6 +216,25 @@ def _tried(
     )
     observer.ended(number, attempt)
     return tried
+
+
+def _seen_anew(
+    frame: RgbdFrame, explorer: Explorer, exploration: Exploration, belief: Belief, place: int
+) -> RgbdFrame:
+    """The frame that grasps of a contact are to be found in; the contact moves with its part.
+
+    The first look shows most, but only as long as nothing has moved.
+    """
+    first, config = exploration.first_look, explorer.config.anew
+    if first is None or _any_moved(exploration):
+        return frame
+    if not changed(first, frame, exploration.contacts[place].p_world, config):
+        return first
+    with taking(exploration.time_s, "contacts"):
+        way = followed(exploration, place, explorer.contacts(frame), config)
+    if way is not None:
+        belief.noticed(place, way)
+    return frame
 
 
 def _learn(belief: Belief, attempt: Attempt) -> None:

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from akm_fg.exploration.belief import ways_of
-from akm_fg.exploration.records import BeliefSnapshot, Contact, Hypothesis, Outcome
+from akm_fg.exploration.records import BeliefSnapshot, Contact, Hypothesis, Outcome, Way
 
 
 @dataclass(frozen=True, slots=True)
@@ -74,6 +74,9 @@ class SuppressedMap:
         away = np.linalg.norm(self._uv - self._uv[hypothesis.contact], axis=1)
         sigma_px = self._config.sigma * self._width_px
         self._score -= self._config.alpha * np.exp(-0.5 * (away / sigma_px) ** 2)
+
+    def noticed(self, place: int, way: Way) -> None:
+        """The paper looks at pulls alone."""
 
     def leave(self, contacts: Sequence[int]) -> None:
         """Nothing more is to be tried at these: what they are on is known."""
