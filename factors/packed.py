@@ -34,7 +34,7 @@ def times(packed: Array, v: Array) -> Array:
     if packed.shape[1] == 1:
         return packed * v
     x, y, z = v[:, 0], v[:, 1], v[:, 2]
-    out = np.empty(np.broadcast_shapes(packed[:, :3].shape, v.shape))
+    out = np.empty((max(len(packed), len(v)), 3, v.shape[2]))
     out[:, 0] = packed[:, 0] * x + packed[:, 1] * y + packed[:, 2] * z
     out[:, 1] = packed[:, 1] * x + packed[:, 3] * y + packed[:, 4] * z
     out[:, 2] = packed[:, 2] * x + packed[:, 4] * y + packed[:, 5] * z
@@ -56,11 +56,18 @@ def inverse_and_determinant(packed: Array) -> tuple[Array, Array]:
     if packed.shape[0] == 1:
         return 1 / packed, packed[0] * packed[0] * packed[0]
     a, b, c, d, e, f = packed
-    inverse = np.stack(
-        [d * f - e * e, c * e - b * f, b * e - c * d, a * f - c * c, b * c - a * e, a * d - b * b]
-    )
+    inverse = np.empty_like(packed)
+    for out, (k, m), (n, o) in zip(
+        inverse,
+        ((d, f), (c, e), (b, e), (a, f), (b, c), (a, d)),
+        ((e, e), (b, f), (c, d), (c, c), (a, e), (b, b)),
+        strict=True,
+    ):
+        np.multiply(k, m, out=out)
+        out -= n * o
     determinant = a * inverse[0] + b * inverse[1] + c * inverse[2]
-    return inverse / determinant, determinant
+    inverse /= determinant
+    return inverse, determinant
 
 
 def multiples_of_identity(packed: Array) -> bool:
