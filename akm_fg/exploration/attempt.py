@@ -14,11 +14,11 @@ import gtsam
 import numpy as np
 
 from akm_fg.errors import GraspFailed, InsufficientData, MotionInfeasible
-from akm_fg.exploration.belief import ways_of
 from akm_fg.exploration.config import ExploreConfig
 from akm_fg.exploration.foresight import Pulled, bounds_of, foreseen
+from akm_fg.exploration.mobile_points import mobile_tracks, part_points
 from akm_fg.exploration.processor_time import taking
-from akm_fg.exploration.records import Attempt, Bounds, Contact, Hypothesis, Outcome, Stretch
+from akm_fg.exploration.records import Attempt, Bounds, Hypothesis, Outcome, Stretch
 from akm_fg.exploration.stopping import by_threshold, enough, moved_enough
 from akm_fg.interfaces import Arm, Camera
 from akm_fg.io.recording_depth import as_stored
@@ -202,8 +202,9 @@ class Trier:
         pull, stopping = self._config.pull, self._config.stopping
         self._stretch(self._tried.attempt.hypothesis.direction_world, pull.straight_m)
         self._solve()
-        fit = self._tried.fit
-        if fit is not None and by_threshold(fit.observed.moving_tracks, pull.straight_m, stopping):
+        fit, contact = self._tried.fit, self._tried.attempt.contact
+        moved = None if fit is None else mobile_tracks(fit, contact)
+        if moved is not None and by_threshold(moved, pull.straight_m, stopping):
             return self._end("opened", "the moving tracks went far enough")
         if not self._arm.holding():
             raise GraspFailed("the grip was lost")
@@ -369,26 +370,6 @@ class Trier:
             return False
         self._look()
         return True
-
-
-PANEL_M = 0.1  # half side of what stands for a part without tracks: a small drawer's front
-
-
-def part_points(fit: RecordingFit, contact: Contact) -> FloatArray:
-    """(N, 3) followed points of the part, where they were in the first frame that shows them.
-
-    Of a part that was known by its surface alone, the corners of a panel about the contact.
-    """
-    tracks = fit.observed.moving_tracks
-    seen = tracks.observed
-    chosen = np.flatnonzero(seen.any(axis=0))
-    if chosen.size == 0:
-        sides = ways_of(contact.normal_world)
-        across, up = sides["left"], np.cross(contact.normal_world, sides["left"])
-        corners = [(x, y) for x in (-PANEL_M, PANEL_M) for y in (-PANEL_M, PANEL_M)]
-        return np.array([contact.p_world + x * across + y * up for x, y in corners])
-    first = seen[:, chosen].argmax(axis=0)
-    return np.asarray(tracks.p_world[first, chosen])
 
 
 def _cm(distance_m: float) -> str:
