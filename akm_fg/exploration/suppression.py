@@ -41,11 +41,16 @@ class SuppressedMap:
         self._config, self._width_px = config or SuppressionConfig(), width_px
         self._score = np.array([contact.prior for contact in contacts], dtype=float)
         self._left = np.zeros(len(self._contacts), dtype=bool)
+        self._refused = self._left.copy()  # by the planner, the last time
         self._uv = np.array([contact.uv for contact in contacts], dtype=float).reshape(-1, 2)
 
     def next(self) -> Hypothesis | None:
-        """The highest score; of a map without suppression, one drawn by score."""
-        if self._left.all():
+        """The highest score; of a map without suppression, one drawn by score.
+
+        None where the planner has refused all that is left: a refusal costs no pull, so that such
+        tries would never come to an end.
+        """
+        if (self._left | self._refused).all():
             return None
         score = np.where(self._left, -np.inf, self._score)
         if self._rng is None:
@@ -69,6 +74,7 @@ class SuppressedMap:
         self, hypothesis: Hypothesis, outcome: Outcome, moved: bool, held: bool = False
     ) -> None:
         """A <- A - alpha exp(-|u - mu|^2 / (2 sigma^2)) after any failure (the paper's Eq. 2)."""
+        self._refused[hypothesis.contact] = outcome == "refused"
         if self._rng is not None or outcome == "opened":
             return
         away = np.linalg.norm(self._uv - self._uv[hypothesis.contact], axis=1)

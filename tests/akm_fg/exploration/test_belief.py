@@ -170,3 +170,34 @@ def test_without_suppression_nothing_is_learned_and_places_are_drawn_by_score():
         belief.learn(hypothesis, "rigid", False)
         drawn.append(hypothesis.contact)
     assert np.mean(np.array(drawn) == 0) == pytest.approx(0.75, abs=0.07)
+
+
+@pytest.mark.parametrize("rng", [None, np.random.default_rng(0)])
+def test_a_map_whose_places_the_planner_all_refused_has_no_next_one(rng):
+    """A refusal costs no pull: the search went on for ever."""
+    belief = SuppressedMap([contact(0), contact(1, x_m=0.3)], width_px=640, rng=rng)
+    for place in (0, 1, 0):
+        assert belief.next() is not None
+        belief.learn(outward(place), "refused", moved=False)
+        if place == 1:
+            belief.learn(outward(0), "rigid", moved=False)  # it could be reached again
+    assert belief.next() is None
+    belief.learn(outward(1), "rigid", moved=False)
+    assert belief.next() is not None
+
+
+def test_a_place_that_was_missed_a_few_times_in_a_row_is_left_alone():
+    belief = BayesBelief([contact(0), contact(1, 0.2)])
+    most = BeliefConfig().most_missed
+    for _ in range(most - 1):
+        belief.learn(outward(0), "grasp_lost", moved=False, held=False)
+    assert belief.probability(outward(0)) > 0
+    belief.learn(outward(0), "grasp_lost", moved=False, held=True)  # it was held after all
+    for _ in range(most):
+        assert belief.probability(outward(0)) > 0
+        belief.learn(outward(0), "grasp_lost", moved=False, held=False)
+    assert belief.probability(outward(0)) == 0
+    assert belief.probability(outward(1)) > 0
+    belief.noticed(0, "left")
+    assert belief.probability(Hypothesis(0, "left", NORMAL)) > 0
+    assert belief.probability(outward(0)) == 0, "it opens another way"
