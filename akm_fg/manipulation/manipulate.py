@@ -264,11 +264,16 @@ class Manipulator:
         way = joint.velocity(end) * onward
         along = way / max(float(np.linalg.norm(way)), 1e-6)
         gap_m, went_m = float(along @ (end - here)), float(along @ (here - hand.translation()))
-        # What is sent a little way has come to rest before it counts as stuck.
-        if stuck or (gap_m >= config.pressed_m and went_m < config.pressed_m / 4):
-            self._met_stop(q, move.q_end)
         most = 2.0 * self._goal.tolerance * lever
+        # What is sent a little way has come to rest before it counts as stuck. None presses harder
+        # than one that is sent on by the most already, or has a spring's way before it.
+        presses = self._short_m >= most or gap_m >= config.pressed_m
+        if stuck or (presses and went_m < gap_m / 4 and self._off_target()):
+            self._met_stop(q, move.q_end)
         self._short_m = float(np.clip(gap_m, 0.0, most))
+
+    def _off_target(self) -> bool:
+        return abs(self._known()[0] - self._goal.state) > self._goal.tolerance
 
     def _followed(self, motion: Iterator[None], duration_s: float) -> bool:
         """Watch a motion to its end; True where it was ended since the hand did not get on."""
