@@ -20,8 +20,8 @@ import cv2
 import numpy as np
 
 from akm_fg.errors import InputError
-from akm_fg.exploration.belief_picture import Image, belief_picture
 from akm_fg.exploration.explore_json import exploration_from_dict
+from akm_fg.exploration.pages.belief_picture import Image, belief_picture
 from akm_fg.exploration.records import Exploration
 from akm_fg.io.recording import read_recording
 from experiments.pages.tables import markdown

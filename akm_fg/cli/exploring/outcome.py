@@ -11,7 +11,7 @@ from akm_fg.cli.exploring.kept import Explored
 from akm_fg.cli.exploring.recorder import attempt_name
 from akm_fg.config import AkmConfig
 from akm_fg.errors import InsufficientData
-from akm_fg.exploration.page import exploration_part
+from akm_fg.exploration.pages.page import exploration_part
 from akm_fg.exploration.records import Exploration
 from akm_fg.model.build import FittedRecording, build_model
 from akm_fg.model.read import FILE, read_model

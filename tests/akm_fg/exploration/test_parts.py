@@ -11,7 +11,7 @@ from akm_fg.exploration.belief import BayesBelief
 from akm_fg.exploration.config import ExploreConfig
 from akm_fg.exploration.explore import Explorer, explore
 from akm_fg.exploration.explore_json import exploration_as_dict, exploration_from_dict
-from akm_fg.exploration.page import exploration_part
+from akm_fg.exploration.pages.page import exploration_part
 from akm_fg.exploration.parts.closing import state_of_hand
 from akm_fg.exploration.records import Contact, Exploration
 from akm_fg.exploration.suppression import SuppressedMap

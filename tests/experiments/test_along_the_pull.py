@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 from pathlib import Path
 
-from experiments.claims.along_the_pull import PullRow, figure, stops, table
+from experiments.along_the_pull import PullRow, figure, stops, table
 from experiments.exploration import ExplorationRow
 
 ROW = PullRow("s/door-001", 1, 0, False, 0.03, "revolute", "revolute", 0.5, 2.0, 0.004, 0.01)

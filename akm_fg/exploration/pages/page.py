@@ -6,10 +6,10 @@ import cv2
 import numpy as np
 from markupsafe import Markup
 
-from akm_fg.exploration.belief_picture import belief_colours, belief_picture
 from akm_fg.exploration.config import ExploreConfig
+from akm_fg.exploration.pages.belief_picture import belief_colours, belief_picture
+from akm_fg.exploration.pages.stretch_plot import stretches_svg
 from akm_fg.exploration.records import Attempt, Exploration, FoundPart
-from akm_fg.exploration.stretch_plot import stretches_svg
 from akm_fg.report.page import template
 from akm_fg.report.pictures import Picture
 from akm_fg.report.wording import size, state

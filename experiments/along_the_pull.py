@@ -1,6 +1,6 @@
 r"""How wrong is a joint along a pull, how wrong does it say it may be, and where do rules stop?
 
-    python -m experiments.claims.along_the_pull --models runs/closed-loop/furniture-116/models \
+    python -m experiments.along_the_pull --models runs/closed-loop/furniture-116/models \
         --exploration runs/exploration/furniture-116 --figure runs/along-the-pull.png
 
 The recording of every exploration that `experiments.closed_loop` kept and that opened something is
