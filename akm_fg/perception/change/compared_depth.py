@@ -56,15 +56,17 @@ def compared(
     variance = (
         noise.sigma_m(a.astype(np.float64), fx) ** 2 + noise.sigma_m(b.astype(float), fx) ** 2
     )
-    seen = cv2.boxFilter(np.where(known, now_m, np.float32(0)), cv2.CV_32F, size)
-    seen /= np.maximum(cv2.boxFilter(known.astype(np.float32), cv2.CV_32F, size), 1e-3)
+    seen, of = (
+        cv2.boxFilter(np.where(known, z, np.float32(0)), cv2.CV_32F, size)
+        for z in (now_m, np.float32(1))
+    )
     return Comparison(
         np.asarray(cv2.boxFilter(a - b, cv2.CV_32F, size) / some, np.float32),
         a - b,
         np.sqrt(variance.astype(np.float32) / some),
         both & (share >= config.least_known),
         known,
-        np.asarray(seen, np.float32),
+        np.asarray(seen / np.maximum(of, 1e-3), np.float32),
     )
 
 

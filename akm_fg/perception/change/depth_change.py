@@ -2,7 +2,8 @@
 
 The camera stands still, so a pixel that shows something nearer than in frame 0 shows the moved
 part, and one that shows something farther away was covered by it. Means over small windows are
-compared: their noise is that of a few independent readings. The robot's pixels are unknown.
+compared (`compared_depth`): their noise is that of a few independent readings. The robot's pixels
+are unknown.
 
 A motion M_t explains a point of the changed surface if, moved to other frames, it is seen there.
 A frame that shows something farther away at its place contradicts it; one that shows something
@@ -21,7 +22,6 @@ from numpy.typing import NDArray
 
 from akm_fg.perception.change.change_config import DepthChangeConfig
 from akm_fg.perception.change.compared_depth import (
-    Depth,
     behind_what_moves,
     changed,
     compared,
@@ -48,7 +48,6 @@ class DepthChange:
     nearer: BoolArray  # (T, h, w) shows a surface that was not there
     farther: BoolArray  # (T, h, w) the surface that was there is gone
     area_m2: FloatArray  # (T,) of the nearer surface, seen from the camera
-    rest_m: Depth  # (h, w) frame 0; where that knows nothing, what lies behind all that moves
 
     @property
     def camera(self) -> PinholeCamera:
@@ -108,9 +107,7 @@ def depth_change(
         touched |= _widened(nearer[t], beside)
         if t % _FRAMES_A_PIECE == 0:
             yield
-    return DepthChange(
-        recording, noise, config, frames, stride, on_object, nearer, farther, area, rest_m
-    )
+    return DepthChange(recording, noise, config, frames, stride, on_object, nearer, farther, area)
 
 
 def _stride_px(frame: RgbdFrame, object_mask: BoolArray, config: DepthChangeConfig) -> int:
