@@ -22,4 +22,7 @@ class PerceptionConfig:
     rig: RigConfig = field(default_factory=RigConfig)
     least_explained: float = 0.5  # of what changed in depth, by an answer from depth alone,
     faces_suffice: float = 0.9  # of it, by the planes of a face, that settle how the part moves
+    tell_most: float = (
+        0.5  # of the frames in which it changed: with states in fewer, more are sought
+    )
     least_told: float = 0.25  # and of the frames in which it changed, by those with a state

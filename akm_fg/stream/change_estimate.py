@@ -27,10 +27,11 @@ from akm_fg.perception.moving_part.following import following
 from akm_fg.perception.observed import ObservedMotion
 from akm_fg.perception.surface.changed_surface import ChangedSurface
 from akm_fg.perception.surface.remembered_planes import RememberedPlanes
-from akm_fg.records import BoolArray, Recording
+from akm_fg.records import BoolArray, FloatArray, Recording
 from akm_fg.stages import ModelSettings
 from akm_fg.steps import Steps
-from factors.joint import JointKind
+from akm_fg.stream.surface_state import with_surface_states
+from factors.joint import Joint, JointKind
 
 log = logging.getLogger(__name__)
 
@@ -102,6 +103,7 @@ def by_change_in_steps(
     answer = yield from _answer_from(start, guess, change.known[0])
     if used.size < perception.rig.least_tracks and not _faces_agree(answer, change, perception):
         answer = yield from _against_its_rival(start, answer)
+    answer = yield from _in_more_frames(start, answer)
     log.info("%s: the answer explains %.2f of the change", recording.name, answer.share)
     fitted = _silenced_where_little_is_told(answer, change, perception)
     return observed, fitted, used[fitted.problem.members]
@@ -119,17 +121,53 @@ def _silenced_where_little_is_told(
             "where this joint puts the part; expected most of it"
         )
     else:
-        changed = change.change.nearer.any(axis=(1, 2))
-        states = fitted.posterior.best.states
-        told = int(changed.sum() if states is None else (changed & np.isfinite(states.mean)).sum())
-        if told < perception.least_told * changed.sum():
+        told, changed = _told(answer, change)
+        if told < perception.least_told * changed:
             reason = (
-                f"the part could be found in {told} of the {int(changed.sum())} frames in which "
+                f"the part could be found in {told} of the {changed} frames in which "
                 "depth changed; expected more of them"
             )
     if reason is None:
         return fitted
     return replace(fitted, posterior=silenced(fitted.posterior, reason))
+
+
+def _told(answer: _Answer, change: DepthMotion) -> tuple[int, int]:
+    """In how many of the frames in which depth changed there is a state; how many these are."""
+    changed = change.change.nearer.any(axis=(1, 2))
+    states = answer.fitted.posterior.best.states
+    told = changed if states is None else changed & np.isfinite(states.mean)
+    return int(told.sum()), int(changed.sum())
+
+
+def _in_more_frames(start: _Start, answer: _Answer) -> Steps[_Answer]:
+    """The answer, or the one that it leads to in frames in which depth's first guess was astray.
+
+    A face tells where the part is as long as it is seen; the joint of a few frames tells where to
+    look in the next one, and that where in the one after.
+    """
+    perception, fitted = start.settings.perception, answer.fitted
+    told, changed = _told(answer, start.change)
+    before = fitted.posterior.best.states
+    if before is None or answer.turns is None or told >= perception.tell_most * changed:
+        return answer
+    frames = dict(enumerate(start.recording.frames))
+    config = start.settings.stream.surface_state
+    sought = with_surface_states(fitted.posterior, fitted, frames, perception.observe.noise, config)
+    best = sought.best
+    if best.joint is None or best.states is None:
+        return answer
+    if np.isfinite(best.states.mean).sum() <= np.isfinite(before.mean).sum():
+        return answer
+    yield
+    try:
+        other = yield from _answer_from(start, *_guess(best.joint.joint, best.states.mean))
+    except InsufficientData:
+        return answer
+    log.info("%s: states in %d of %d frames", start.recording.name, *_told(other, start.change))
+    alike = other.turns == answer.turns and _told(other, start.change)[0] > told
+    worse = answer.share - other.share > perception.change.clearly_more
+    return other if alike and not worse else answer
 
 
 def _answer_from(start: _Start, guess: JointGuess, known: BoolArray) -> Steps[_Answer]:
@@ -192,10 +230,15 @@ def _rival(fitted: FittedKinds) -> tuple[JointGuess, BoolArray] | None:
     rival = fitted.posterior.alternatives.get(str(kind))
     if rival is None or rival.joint is None or rival.states is None:
         return None
-    known = np.isfinite(rival.states.mean)
+    return _guess(rival.joint.joint, rival.states.mean)
+
+
+def _guess(joint: Joint, states: FloatArray) -> tuple[JointGuess, BoolArray]:
+    """A joint with states (T,) interpolated, zero in frame 0; and where they are known."""
+    known = np.isfinite(states)
     frames = np.arange(known.size)
-    q = np.interp(frames, frames[known], rival.states.mean[known])
-    return JointGuess(rival.joint.joint, q - q[0]), known
+    q = np.interp(frames, frames[known], states[known])
+    return JointGuess(joint, q - q[0]), known
 
 
 def share_of_answer(change: DepthMotion, fitted: FittedKinds, config: PerceptionConfig) -> float:

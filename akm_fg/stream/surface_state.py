@@ -17,7 +17,7 @@ from akm_fg.estimation.one_kind.laplace import KindFit
 from akm_fg.estimation.sources.source import Source
 from akm_fg.estimation.sources.surface import SURFACE, SurfaceContribution, SurfaceSource
 from akm_fg.perception.depth.depth_noise import DepthNoiseModel
-from akm_fg.perception.surface.known_surface import KnownSurface, KnownSurfaceConfig
+from akm_fg.perception.surface.known_surface import Found, KnownSurface, KnownSurfaceConfig
 from akm_fg.posterior import ArticulationPosterior
 from akm_fg.records import FloatArray, RgbdFrame
 from factors.measurements.dense_registration import dense_cost
@@ -30,7 +30,9 @@ class SurfaceStateConfig:
     patches: int = 400  # looked for, of thousands: errors of neighbours agree
     match: KnownSurfaceConfig = field(default_factory=KnownSurfaceConfig)
     search_m: tuple[float, ...] = (0.0, 0.03, -0.03, 0.06, -0.06)  # way of the part from the start
-    least_share: float = 0.3  # of the patches that must be found: less is something else
+    least_share: float = 0.3  # of the patches that must be found: less is something else,
+    least_found: float = 0.1  # or so many, where depth is lost in patches, if they are
+    least_of_read: float = 0.6  # this share of those in whose place there is any depth
     least_along: float = 0.05  # of the patches' way along their normals: with less it is open
     longest_gap: int = 2  # frames beyond the last known state from which one is believed
     steps_a_frame: float = 4.0  # of the path's usual step, that a part may go in a frame
@@ -80,7 +82,7 @@ class HeldSurface:
         surface = self.surface
         starts = start + np.array(config.search_m) / surface.metres_per_unit(start)
         best = surface.solved(frame, noise, starts, config.match)
-        if best.found < config.least_share * len(surface.x_world):
+        if not _found_again(best, len(surface.x_world), config):
             return None
         metres = surface.metres_per_unit(best.q)
         if best.along_m < config.least_along * metres:
@@ -89,6 +91,14 @@ class HeldSurface:
         beyond = float(np.interp(best.q, self.fit.q[order], self.fit.state_sd[order] ** 2))
         own = self.as_one * self.scale**2 / best.information
         return best.q, float(np.sqrt(own + beyond))
+
+
+def _found_again(found: Found, patches: int, config: SurfaceStateConfig) -> bool:
+    """Whether it is the part that is seen, of so many patches."""
+    if found.found >= config.least_share * patches:
+        return True
+    enough = max(config.least_found * patches, config.least_of_read * found.read)
+    return found.found >= enough
 
 
 def with_surface_states(

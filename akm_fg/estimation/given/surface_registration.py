@@ -25,6 +25,7 @@ from akm_fg.estimation.sources.surface import SURFACE, SurfaceSource
 from akm_fg.geometry.joint_guess import JointGuess
 from akm_fg.records import BoolArray, FloatArray
 from akm_fg.steps import Steps
+from factors.joint import JointKind
 from factors.measurements.dense_registration import (
     DenseCost,
     PatchCosts,
@@ -162,7 +163,8 @@ def register(
     followed = problem.tracks.observations.observed
     blind = np.asarray(~followed.any(axis=1))
     other = (seen.seen_through > config.opaque) | (seen.was_there > config.opaque)
-    other |= off_the_path(guess.q, config)[at]
+    path = np.unwrap(guess.q) if guess.joint.kind == JointKind.REVOLUTE else guess.q
+    other |= off_the_path(path, config, problem.keyframes)[at]
     blind[at] &= ~source.patches.seen.any(axis=1) | other
     label = tied_frames(followed, at, source.patches.seen, config)
     blind |= ~most_telling(label, guess, motions.information)

@@ -66,23 +66,46 @@ def most_telling(label: NDArray[np.int_], guess: JointGuess, information: FloatA
     return np.asarray(label == told.argmax())
 
 
-def off_the_path(q: FloatArray, config: SurfaceConfig | None = None) -> BoolArray:
-    """(T,) states that jump to and fro by more than a part goes from one frame to the next.
+def off_the_path(
+    q: FloatArray, config: SurfaceConfig | None = None, frames: NDArray[np.int_] | None = None
+) -> BoolArray:
+    """(T,) states that no part goes to: by far jumps to and fro, or back to beyond all others.
 
-    Where a dark part is hardly seen, what is left of it fits in many places. A part may go far
-    from one frame to the next, but it seldom comes back by as much in the one after.
+    Where a dark part is hardly seen, what is left of it fits in many places, and what a door
+    uncovers may look as it would elsewhere. A part may go far from one frame to the next, but it
+    seldom comes back by as much in the one after, and not past where it began.
 
     Args:
         q: (T,) states.
         config: how far a part may go.
+        frames: (T,) numbers of the frames in their recording, growing; one after the other if
+            not said.
     """
     config, off = config or SurfaceConfig(), np.zeros(q.size, dtype=bool)
-    steps = np.diff(q)
+    steps = np.diff(q) if frames is None else np.diff(q) / np.diff(frames)
     moved = np.abs(steps[steps != 0])
     if q.size < 3 or not moved.size:
         return off
-    far = np.abs(steps) > config.usual_steps * np.median(moved)
+    most = config.usual_steps * np.median(moved)
+    far = np.abs(steps) > most
     back = steps[:-1] * steps[1:] < 0
     off[1:-1] = far[:-1] & far[1:] & back
     off[0], off[-1] = far[0] & back[0] & ~off[1], far[-1] & back[-1] & ~off[-2]
-    return off
+    return off | _gone_back(q, steps, far, most)
+
+
+def _gone_back(q: FloatArray, steps: FloatArray, far: BoolArray, most: float) -> BoolArray:
+    """(T,) fewer than half, after a far step against the way of the others.
+
+    They are off where another far step leads on again, or where they lie outside the others' range.
+    """
+    turned = np.concatenate([[0.0], np.sign(steps * np.sign(steps[~far].sum())) * far])
+    ends = np.flatnonzero(turned)
+    run = np.searchsorted(ends, np.arange(q.size), side="right") - 1  # -1 before the first
+    back = (run >= 0) & (turned[ends[run]] < 0) if ends.size else np.zeros(q.size, dtype=bool)
+    if not back.any() or 2 * back.sum() >= q.size:
+        return np.zeros(q.size, dtype=bool)
+    led_on = np.append(turned[ends[1:]] > 0, False)[run]
+    others = q[~back]
+    beyond = (q < others.min() - most) | (q > others.max() + most)
+    return np.asarray(back & (led_on | beyond))

@@ -2,7 +2,8 @@
 
 The camera stands still, so a pixel that shows something nearer than in frame 0 shows the moved
 part, and one that shows something farther away was covered by it. Means over small windows are
-compared: their noise is that of a few independent readings. The robot's pixels are unknown.
+compared (`compared_depth`): their noise is that of a few independent readings. The robot's pixels
+are unknown.
 
 A motion M_t explains a point of the changed surface if, moved to other frames, it is seen there.
 A frame that shows something farther away at its place contradicts it; one that shows something
@@ -19,31 +20,19 @@ import gtsam
 import numpy as np
 from numpy.typing import NDArray
 
+from akm_fg.perception.change.change_config import DepthChangeConfig
+from akm_fg.perception.change.compared_depth import (
+    behind_what_moves,
+    changed,
+    compared,
+    gate_factor,
+)
 from akm_fg.perception.depth.depth_noise import DepthNoiseModel
 from akm_fg.perception.depth.thinning import repeated
 from akm_fg.records import BoolArray, FloatArray, PinholeCamera, Recording, RgbdFrame
 from akm_fg.steps import Steps
 
-_KERNEL = np.ones((3, 3), np.uint8)
 _FRAMES_A_PIECE = 10  # compared without a pause: 20 ms
-
-
-@dataclass(frozen=True, slots=True)
-class DepthChangeConfig:
-    """What counts as a change of depth."""
-
-    stride_px: int = 3  # of the pixels compared, of a VGA image: errors of neighbours agree,
-    pitch_m: float = 0.009  # unless they would be farther apart on the object: parts may be small
-    window: int = 3  # of such pixels, whose mean is compared
-    sigmas: float = 3.0  # of the mean; chance alone seldom changes nine windows side by side
-    least_m: float = 0.005  # on top: systematic errors
-    # Between a change and the object, or what was nearer in a frame before: of a lid that is up,
-    # the edge and its shadow have no depth.
-    beside_px: float = 15.0  # at 640 pixels
-    least_area_m2: float = 0.0015  # of a connected change: 4 cm squared; smaller is no furniture
-    share_frames: int = 8  # asked for `explained_share`
-    share_points: int = 200  # of each, nearer and farther
-    share_sigmas: float = 3.0  # how far a point may be off the surface seen; plus `least_m`
 
 
 @dataclass(frozen=True, slots=True)
@@ -102,21 +91,19 @@ def depth_change(
     on_object = object_mask[::stride, ::stride]
     touched = _widened(on_object, beside)
     fx = recording.frames[0].camera.fx
-    first = _windows(frames[0], fx, noise, config)
-    last = _windows(frames[-1], fx, noise, config)
-    factor = _gate_factor(first, last, noise, stride, config)
+    rest_m = behind_what_moves([f.depth_m for f in frames], fx, noise, config)
+    shown, pitch = np.isfinite(frames[0].depth_m), stride / fx
+    factor = gate_factor(
+        compared(rest_m, frames[-1].depth_m, fx, noise, config), stride, noise, config
+    )
     nearer = np.zeros((len(frames), *touched.shape), dtype=bool)
     farther, area = nearer.copy(), np.zeros(len(frames))
     for t in range(1, len(frames)):
-        now = _windows(frames[t], fx, noise, config)
-        gate = factor * np.sqrt(first.variance + now.variance) + np.float32(config.least_m)
-        known = first.known & now.known
-        off = np.where(known, first.mean - now.mean, 0)
-        own = np.where(known, frames[0].depth_m - frames[t].depth_m, 0)  # an edge smears the mean
-        metric = np.where(known, now.mean, 0) ** 2 * np.float32((stride / fx) ** 2)
-        nearer[t] = _components((off > gate) & (own > gate / 2), touched, metric, config)
-        farther[t] = _components((off < -gate) & (own < -gate / 2), touched, metric, config)
-        area[t] = float(metric[nearer[t]].sum())
+        now = compared(rest_m, frames[t].depth_m, fx, noise, config)
+        nearer[t], area[t] = changed(now, 1, factor, touched, pitch, config)
+        gone, _ = changed(now, -1, factor, touched, pitch, config)
+        nearer[t] &= now.known
+        farther[t] = gone & shown
         touched |= _widened(nearer[t], beside)
         if t % _FRAMES_A_PIECE == 0:
             yield
@@ -130,23 +117,6 @@ def _stride_px(frame: RgbdFrame, object_mask: BoolArray, config: DepthChangeConf
     if depth_m.size:
         most = min(most, config.pitch_m * frame.camera.fx / float(np.median(depth_m)))
     return max(1, round(most))
-
-
-def _gate_factor(
-    first: _Windows, last: _Windows, noise: DepthNoiseModel, stride: int, config: DepthChangeConfig
-) -> np.float32:
-    """What counts as a change of a window's mean, over the sd of a single reading's change.
-
-    Where the means are worse than the model says, their own spread counts: that of the lower
-    quartile of first against last frame, which stands still.
-    """
-    expected = 1 / np.sqrt(noise.independent_samples(stride * config.window))
-    known = first.known & last.known
-    if known.any():
-        sd = np.sqrt(first.variance + last.variance)[known]
-        quartile = float(np.quantile(np.abs(first.mean - last.mean)[known] / sd, 0.25))
-        expected = max(expected, quartile / 0.3186)  # the same quartile of |x| / sd of a Gaussian
-    return np.float32(config.sigmas * expected)
 
 
 def explained_share(
@@ -202,28 +172,6 @@ def _widened(mask: BoolArray, by_px: int) -> BoolArray:
     return np.asarray(cv2.dilate(mask.astype(np.uint8), around) > 0)
 
 
-@dataclass(frozen=True, slots=True)
-class _Windows:
-    """Window means of a depth image and the variance of single readings, (h, w)."""
-
-    mean: NDArray[np.float32]
-    variance: NDArray[np.float32]
-    known: BoolArray  # at the pixel and all its neighbours
-
-
-def _windows(
-    frame: RgbdFrame, fx: float, noise: DepthNoiseModel, config: DepthChangeConfig
-) -> _Windows:
-    known = np.isfinite(frame.depth_m)
-    size = (config.window, config.window)
-    z = np.where(known, frame.depth_m, np.float32(0))
-    share = cv2.boxFilter(known.astype(np.float32), cv2.CV_32F, size)
-    mean = np.asarray(cv2.boxFilter(z, cv2.CV_32F, size) / np.maximum(share, 1e-3), np.float32)
-    inner = cv2.erode(known.astype(np.uint8), _KERNEL) > 0
-    variance = noise.sigma_m(mean.astype(np.float64), fx) ** 2
-    return _Windows(mean, variance.astype(np.float32), inner)
-
-
 def _thinned(frame: RgbdFrame, stride: int) -> RgbdFrame:
     """Every stride-th pixel as a frame of its own."""
     depth, c = frame.depth_m[::stride, ::stride], frame.camera
@@ -237,22 +185,6 @@ def _thinned(frame: RgbdFrame, stride: int) -> RgbdFrame:
     )
     rgb = frame.rgb[::stride, ::stride]
     return replace(frame, depth_m=np.ascontiguousarray(depth), rgb=rgb, camera=small)
-
-
-def _components(
-    changed: BoolArray, touched: BoolArray, metric: NDArray[np.float32], config: DepthChangeConfig
-) -> BoolArray:
-    """Connected changes that are large enough and touch the object."""
-    opened = cv2.morphologyEx(changed.astype(np.uint8), cv2.MORPH_OPEN, _KERNEL)
-    count, labels = cv2.connectedComponents(opened, connectivity=4)
-    if count < 2:
-        return np.zeros_like(changed)
-    flat = labels.ravel()
-    area = np.bincount(flat, metric.ravel(), count)
-    on = np.bincount(flat, touched.ravel(), count)
-    kept = (area > config.least_area_m2) & (on > 0)
-    kept[0] = False
-    return np.asarray(kept[labels])
 
 
 def surface_points(change: DepthChange, frame: int, mask: BoolArray) -> FloatArray:

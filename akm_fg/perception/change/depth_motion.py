@@ -16,9 +16,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from akm_fg.geometry.joint_guess import JointGuess
+from akm_fg.perception.change.change_config import DepthChangeConfig
 from akm_fg.perception.change.depth_change import (
     DepthChange,
-    DepthChangeConfig,
     change_frames,
     depth_change,
     explained_share,

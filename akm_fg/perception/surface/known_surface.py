@@ -43,6 +43,7 @@ class Found:
     q: float
     information: float  # of independent readings
     found: int  # points
+    read: int  # points at which there is a depth, on the side that the normal points to
     along_m: float  # rms way of these along their normals, for a unit of the state
     good: BoolArray  # (S,) which points these are
 
@@ -82,6 +83,7 @@ class KnownSurface:
         """
         M, S = starts.size, len(self.x_world)
         q, information, along_m = starts.astype(np.float64), np.zeros(M), np.zeros(M)
+        seen = np.zeros(M, dtype=int)
         good, going = np.zeros((M, S), dtype=bool), np.ones(M, dtype=bool)
         for gate_m in config.gates_m:
             R, t = (each[going] for each in self.joint.motion(q))
@@ -101,11 +103,19 @@ class KnownSurface:
             q[going] += np.clip(pull[some] / told[some], -most, most)
             information[going], good[going] = told[some], near[some]
             along_m[going] = np.sqrt((J[some] ** 2).sum(axis=1) / near[some].sum(axis=1))
+            seen[going] = read.seen[some].sum(axis=1)
             if not some.any():
                 break
         found = good.sum(axis=1)
         k = int(found.argmax())
-        return Found(float(q[k]), float(information[k]), int(found[k]), float(along_m[k]), good[k])
+        return Found(
+            float(q[k]),
+            float(information[k]),
+            int(found[k]),
+            int(seen[k]),
+            float(along_m[k]),
+            good[k],
+        )
 
 
 def readings(

@@ -106,6 +106,60 @@ def test_a_part_that_is_found_in_few_of_the_frames_that_change_is_not_named(
     assert found.posterior.kind == kind
 
 
+def in_states(whole: ArticulationPosterior, count: int) -> ArticulationPosterior:
+    """The posterior with states in the first frames only."""
+    assert whole.best.states is not None
+    mean = whole.best.states.mean.copy()
+    mean[count:] = np.nan
+    return whole.with_states(mean, np.where(np.isnan(mean), np.nan, 0.01))
+
+
+@pytest.mark.parametrize(
+    ("told", "sought", "again", "kind", "share", "states"),
+    [
+        (4, 9, 15, "revolute", 0.85, 15),  # found in more frames from there
+        (12, 20, 20, "revolute", 0.9, 12),  # in enough already
+        (4, 4, 15, "revolute", 0.9, 4),  # no other frame shows it
+        (4, 9, 3, "revolute", 0.9, 4),  # found in fewer
+        (4, 9, 15, "prismatic", 0.9, 4),  # another kind: the first is judged as it is
+        (4, 9, 15, "revolute", 0.5, 4),  # it explains clearly less
+    ],
+)
+def test_an_answer_in_few_frames_leads_to_one_in_more(
+    monkeypatch,
+    posteriors,
+    told: int,
+    sought: int,
+    again: int,
+    kind: str,
+    share: float,
+    states: int,
+):
+    """Depth changes in 20 frames; an answer in half of them is enough."""
+    hinge, starts = posteriors["revolute"], []
+
+    def answer_from(_: Any, guess: JointGuess, known: Any) -> Iterator[None]:
+        starts.append((guess.q[known], int(known.sum())))
+        yield
+        return change_estimate._Answer(SimpleFitted(in_states(posteriors[kind], again)), share)
+
+    monkeypatch.setattr(change_estimate, "_answer_from", answer_from)
+    monkeypatch.setattr(change_estimate, "with_surface_states", lambda *_: in_states(hinge, sought))
+    changed = SimpleNamespace(nearer=np.ones((20, 1, 1)) > 0)
+    start: Any = SimpleNamespace(
+        settings=ModelSettings(),
+        recording=SimpleNamespace(name="bin", frames=()),
+        change=SimpleNamespace(change=changed),
+    )
+    first = change_estimate._Answer(SimpleFitted(in_states(hinge, told)), 0.9)  # type: ignore
+    found = to_end(change_estimate._in_more_frames(start, first))
+    assert np.isfinite(found.fitted.posterior.best.states.mean).sum() == states
+    for q, known in starts:
+        assert known == sought
+        q_sought = hinge.best.states.mean[:sought]
+        np.testing.assert_allclose(q, q_sought - q_sought[0])
+
+
 def plate_comes_nearer(way_m: list[float]) -> DepthChange:
     """A plate before a wall, so much nearer in every frame."""
     rgb, frames = np.zeros((120, 160, 3), np.uint8), []

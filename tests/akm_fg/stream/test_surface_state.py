@@ -10,6 +10,7 @@ from akm_fg.estimation.config import FitConfig, SurfaceConfig
 from akm_fg.estimation.sources.surface import SURFACE
 from akm_fg.perception.depth.depth_noise import DepthNoiseModel
 from akm_fg.perception.observe import observe_motion
+from akm_fg.perception.surface.known_surface import Found
 from akm_fg.pipeline import fit_recording
 from akm_fg.posterior import FitReport
 from akm_fg.stages import ModelSettings
@@ -18,6 +19,7 @@ from akm_fg.stream.joint_estimate import estimate_in_steps
 from akm_fg.stream.surface_state import (
     HeldSurface,
     SurfaceStateConfig,
+    _found_again,
     _on_the_path,
     with_surface_states,
 )
@@ -54,6 +56,23 @@ def test_a_state_is_found_from_centimetres_away_within_its_deviation(surface):
         q, sd = here.state(clip.frames[t], NOISE, start, CONFIG)
         assert abs(q - clip.states[t]) < 4 * sd
         assert sd < 0.005
+
+
+@pytest.mark.parametrize(
+    ("found", "read", "again"),
+    [
+        (130, 380, True),  # a third of all, whatever else is in its place
+        (100, 380, False),
+        (60, 90, True),  # depth is lost in patches, and two thirds of what is left is the part
+        (60, 110, False),
+        (30, 30, False),  # too few to be known by
+    ],
+)
+def test_a_part_whose_depth_is_lost_in_patches_is_known_by_what_is_left(
+    found: int, read: int, again: bool
+):
+    one = Found(0.1, 1.0, found, read, 1.0, np.zeros(400, dtype=bool))
+    assert _found_again(one, 400, CONFIG) is again
 
 
 def test_covered_or_gone_there_is_no_state(surface):

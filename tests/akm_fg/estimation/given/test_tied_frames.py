@@ -100,3 +100,38 @@ def test_tracks_of_frames_that_are_left_out_are_left_out_with_them():
     assert_array_equal(left.members, problem.members[~lost])
     assert left.tracks.observations.observed.any(axis=0).all()
     assert left.points.p_world.shape[1] == left.members.size
+
+
+def test_states_that_jump_back_to_before_where_the_part_began_are_off_the_path():
+    """A door's face that is edge-on is lost; the cabinet's side then looks like it, far behind."""
+    opening = [0.0, 0.13, 0.19, 0.24, 0.41, 0.46, 0.53, 0.55, 0.62]
+    q = np.array([*opening, -1.56, -1.56, -1.56])
+    frames = np.array([*range(9), 12, 13, 14])
+    assert_array_equal(off_the_path(q, None, frames), frames >= 12)
+    assert_array_equal(off_the_path(-q, None, frames), frames >= 12)
+    again = np.array([*q, 1.1, 1.2])
+    assert_array_equal(
+        off_the_path(again, None, np.array([*frames, 15, 16])),
+        [False] * 9 + [True] * 3 + [False] * 2,
+    )
+
+
+def test_states_between_a_far_step_back_and_a_far_step_on_are_off_the_path():
+    """A laptop's lid that is edge-on is lost, and its base lies where the lid began."""
+    q = np.array([0.0, 0.05, 0.06, 0.12, 0.17, 0.22, -0.04, -0.04, -0.05, 0.7, 0.72, 0.87, 0.95])
+    lost = (q < 0) & (np.arange(q.size) > 0)
+    assert_array_equal(off_the_path(q), lost)
+    assert_array_equal(off_the_path(-q), lost)
+
+
+def test_a_door_that_is_slammed_shut_stays_on_the_path():
+    opening = np.linspace(0.0, 0.6, 10)
+    assert not off_the_path(np.array([*opening, 0.02, 0.01, 0.0])).any()
+
+
+def test_far_steps_over_frames_that_nobody_sees_are_none():
+    """Four frames apart it goes four times as far."""
+    q = np.array([0.0, 0.1, 0.2, 0.3, 0.9, 0.5, 0.6])
+    frames = np.array([0, 1, 2, 3, 9, 13, 14])
+    assert off_the_path(q).any()
+    assert not off_the_path(q, None, frames).any()
