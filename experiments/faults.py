@@ -259,8 +259,12 @@ def main() -> None:
     arguments = parser.parse_args()
     folder = arguments.models.parent
     if not arguments.table:
+        models = kept_models(arguments.models)
+        if not models:
+            told = f"{arguments.models} has no models: run experiments.closed_loop"
+            raise SystemExit(f"faults: {told}")
         note_run(folder)
-        _run_missing(arguments, folder)
+        _run_missing(arguments, folder, models)
     rows = [row for row in _rows(folder) if row.fault in MISHAPS and row.number < arguments.faults]
     if rows:
         print(table(rows), reasons(rows), sep="\n\n")
@@ -273,9 +277,10 @@ def _rows(folder: Path) -> list[FaultRow]:
     return rows_of(FaultRow, *sorted(folder.glob("faults-*.jsonl")))
 
 
-def _run_missing(arguments: argparse.Namespace, folder: Path) -> None:
+def _run_missing(
+    arguments: argparse.Namespace, folder: Path, models: Sequence[tuple[str, int, Path]]
+) -> None:
     done = {row.number for row in _rows(folder)}
-    models = kept_models(arguments.models)
     kinds = [str(read_model(model).parts[0].joint.kind) for _, _, model in models]
     part, parts = arguments.of
     for number in range(part, arguments.faults, parts):

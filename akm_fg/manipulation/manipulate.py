@@ -267,7 +267,7 @@ class Manipulator:
         most = 2.0 * self._goal.tolerance * lever
         # What is sent a little way has come to rest before it counts as stuck. None presses harder
         # than one that is sent on by the most already, or has a spring's way before it.
-        presses = self._short_m >= most or gap_m >= config.pressed_m
+        presses = self._short_m >= _ALL * most or gap_m >= config.pressed_m
         if stuck or (presses and went_m < gap_m / 4 and self._off_target()):
             self._met_stop(q, move.q_end)
         self._short_m = float(np.clip(gap_m, 0.0, most))
@@ -519,6 +519,7 @@ def _written(q: float, turns: bool) -> str:
 
 
 _DONE = object()
+_ALL = 0.9  # of the most: a turning part's lever differs a little from one move to the next
 _WHY = {
     "target": "the covariance bears the whole way",
     "across": "beyond, the hand would be too far off the part's way",

@@ -32,6 +32,7 @@ CUT = {
     "experiments.claims.rig_errors": "",
     "experiments.closed_loop": "--limit 1 --tasks 1",
     "experiments.demo_seeds": "--seeds 1",
+    "experiments.faults": "--faults 1",
     "experiments.gallery": "--only door",
     "experiments.hands.approaches": "--trials 1",
     "experiments.hands.oracle_pulls": "--limit 1",

@@ -1,5 +1,6 @@
 """What goes wrong in a run on purpose: when it happens, what counts, and what comes of it."""
 
+import sys
 from dataclasses import replace
 from types import SimpleNamespace
 
@@ -39,6 +40,13 @@ def test_every_model_is_tried_before_any_comes_again():
     drawn = [faults._model_of(number, 7) for number in range(14)]
     assert sorted(drawn[:7]) == sorted(drawn[7:]) == list(range(7))
     assert drawn[:7] != drawn[7:]
+
+
+def test_without_models_it_says_what_makes_them(monkeypatch, tmp_path):
+    monkeypatch.setattr(sys, "argv", ["faults", "--models", str(tmp_path / "runs" / "models")])
+    with pytest.raises(SystemExit, match=r"has no models: run experiments\.closed_loop"):
+        faults.main()
+    assert not (tmp_path / "runs").exists()
 
 
 class World:
