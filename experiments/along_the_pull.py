@@ -136,6 +136,8 @@ def stops(explored: Sequence[ExplorationRow]) -> str:
     lines = []
     of = {s: {r.name: r for r in explored if r.setting == s and _opened(r)} for s in RULES}
     both = set.intersection(*(set(some) for some in of.values()))
+    if not both:
+        return "no object was opened by both stops"
     for setting, rule in RULES.items():
         some = [of[setting][name] for name in sorted(both)]
         lines.append(

@@ -25,6 +25,7 @@ TIMEOUT_S = 1800.0
 ONE_CELL = "--runs 1 --cells 'door 15*clean'"
 CUT = {
     "experiments.accuracy_grid": ONE_CELL,
+    "experiments.along_the_pull": "--limit 1",
     "experiments.claims.coverage": "",
     "experiments.claims.cramer_rao": "",
     "experiments.claims.pose_logs": "--runs 1",
@@ -33,6 +34,7 @@ CUT = {
     "experiments.closed_loop": "--limit 1 --tasks 1",
     "experiments.demo_seeds": "--seeds 1",
     "experiments.faults": "--faults 1",
+    "experiments.exploration": "--limit 1",
     "experiments.gallery": "--only door",
     "experiments.hands.approaches": "--trials 1",
     "experiments.hands.oracle_pulls": "--limit 1",
@@ -51,6 +53,7 @@ WRITTEN_BY = {  # a folder that some lines read: how the line begins that leaves
     "runs/surface-gain": "experiments.surface_gain --recordings runs/recordings",
     "runs/recordings": "experiments.rendered_recordings --suite furniture-116 --out",
     "runs/dev-recordings": "experiments.rendered_recordings --suite furniture-dev --out",
+    "runs/exploration/furniture-116": "experiments.exploration --suite furniture-116",
     "runs/closed-loop/furniture-116/models": "experiments.closed_loop --suite furniture-116",
 }
 READ_UNSAID = {"experiments.report": ("runs/accuracy",)}
