@@ -9,6 +9,8 @@ over both has a direction that is open. One side has to do.
 
 from __future__ import annotations
 
+import itertools
+
 import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import csr_matrix
@@ -91,21 +93,45 @@ def off_the_path(
     back = steps[:-1] * steps[1:] < 0
     off[1:-1] = far[:-1] & far[1:] & back
     off[0], off[-1] = far[0] & back[0] & ~off[1], far[-1] & back[-1] & ~off[-2]
-    return off | _gone_back(q, steps, far, most)
+    number = np.arange(q.size) if frames is None else frames
+    return off | _astray(q, number, config) | _gone_back_beyond(q, steps, far, most)
 
 
-def _gone_back(q: FloatArray, steps: FloatArray, far: BoolArray, most: float) -> BoolArray:
-    """(T,) fewer than half, after a far step against the way of the others.
+def _astray(q: FloatArray, frames: NDArray[np.int_], config: SurfaceConfig) -> BoolArray:
+    """(T,) runs between a far step and one back, without which the path goes on as usual.
 
-    They are off where another far step leads on again, or where they lie outside the others' range.
+    Which run is the one astray is open where several are in question: the shortest goes first.
     """
-    turned = np.concatenate([[0.0], np.sign(steps * np.sign(steps[~far].sum())) * far])
-    ends = np.flatnonzero(turned)
-    run = np.searchsorted(ends, np.arange(q.size), side="right") - 1  # -1 before the first
-    back = (run >= 0) & (turned[ends[run]] < 0) if ends.size else np.zeros(q.size, dtype=bool)
-    if not back.any() or 2 * back.sum() >= q.size:
-        return np.zeros(q.size, dtype=bool)
-    led_on = np.append(turned[ends[1:]] > 0, False)[run]
-    others = q[~back]
-    beyond = (q < others.min() - most) | (q > others.max() + most)
-    return np.asarray(back & (led_on | beyond))
+    kept = np.arange(q.size)
+    while kept.size >= 3:
+        steps = np.diff(q[kept]) / np.diff(frames[kept])
+        most = config.usual_steps * np.median(np.abs(steps[steps != 0])) if steps.any() else np.inf
+        ends = np.flatnonzero(np.abs(steps) > most)  # a run is kept[i + 1 : j + 1]
+        across = [
+            (j - i, i, j)
+            for i, j in itertools.pairwise(ends.tolist())
+            if steps[i] * steps[j] < 0
+            and 2 * (j - i) < q.size
+            and abs(q[kept[j + 1]] - q[kept[i]]) <= most * (frames[kept[j + 1]] - frames[kept[i]])
+        ]
+        if not across:
+            break
+        _, i, j = min(across)
+        kept = np.delete(kept, np.arange(i + 1, j + 1))
+    return np.asarray(~np.isin(np.arange(q.size), kept))
+
+
+def _gone_back_beyond(q: FloatArray, steps: FloatArray, far: BoolArray, most: float) -> BoolArray:
+    """(T,) fewer than half, to the end, after a far step back to outside the others' range."""
+    off = np.zeros(q.size, dtype=bool)
+    ends = np.flatnonzero(far)
+    if not ends.size or steps[ends[-1]] * steps[~far].sum() >= 0:
+        return off
+    first = int(ends[-1]) + 1
+    others, those = q[:first], q[first:]
+    if (
+        2 * those.size < q.size
+        and ((those < others.min() - most) | (those > others.max() + most)).all()
+    ):
+        off[first:] = True
+    return off

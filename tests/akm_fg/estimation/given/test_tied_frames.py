@@ -124,14 +124,21 @@ def test_states_between_a_far_step_back_and_a_far_step_on_are_off_the_path():
     assert_array_equal(off_the_path(-q), lost)
 
 
+def test_of_a_run_astray_and_the_path_after_it_the_shorter_is_off():
+    """A dark seat that is edge-on fits far ahead; a step near the end is a little too far."""
+    q = np.array([0.0, 0.02, 0.1, 0.21, 0.23, 1.52, 1.64, 1.65, 1.65, 0.59, 0.6, 0.67, 0.73, 0.75,
+                  0.79, 0.83, 0.94, 0.96, 1.18, 1.2])  # fmt: skip
+    assert_array_equal(off_the_path(q), q > 1.3)
+
+
 def test_a_door_that_is_slammed_shut_stays_on_the_path():
     opening = np.linspace(0.0, 0.6, 10)
     assert not off_the_path(np.array([*opening, 0.02, 0.01, 0.0])).any()
 
 
 def test_far_steps_over_frames_that_nobody_sees_are_none():
-    """Four frames apart it goes four times as far."""
-    q = np.array([0.0, 0.1, 0.2, 0.3, 0.9, 0.5, 0.6])
+    """Six frames apart it goes six times as far."""
+    q = np.array([0.0, 0.1, 0.2, 0.3, 1.2, 0.45, 0.6])
     frames = np.array([0, 1, 2, 3, 9, 13, 14])
     assert off_the_path(q).any()
     assert not off_the_path(q, None, frames).any()
