@@ -56,4 +56,4 @@ def test_relocalization_counts_hypotheses_errors_and_times():
                             0.23, 4.0)  # fmt: skip
     line = relocalization.table([row, replace(row, found=None, sd=None)]).splitlines()[-1]
     assert line.startswith("| slides, mm | 2 | 50.0")
-    assert line.endswith("| 40 |")
+    assert line.endswith("| 40 | 400 |")
