@@ -104,9 +104,10 @@ def _plain(recording):
 def test_a_wholly_plain_door_is_found_by_depth_alone(sources, door):
     found = fit_recording(_plain(door.recording), sources=sources)
     assert found.observed.tracks.p_world.shape[1] == 0
-    assert found.posterior.best.joint.kind == "revolute"
-    angle, distance = _axis_line_off(found.posterior, door)
     joint = found.posterior.best.joint
+    assert joint.kind.turns  # a plane that turns hardly tells whether it climbs as well
+    assert found.posterior.kind in ("revolute", "undecided")
+    angle, distance = _axis_line_off(found.posterior, door)
     assert angle < 4 * joint.axis_sd_rad and np.degrees(angle) < 3.0
     assert distance < 4 * joint.pivot_sd_m and distance < 0.02
     assert found.posterior.fit.tracks_used == 0

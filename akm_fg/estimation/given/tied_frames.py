@@ -92,7 +92,10 @@ def off_the_path(
     far = np.abs(steps) > most
     back = steps[:-1] * steps[1:] < 0
     off[1:-1] = far[:-1] & far[1:] & back
-    off[0], off[-1] = far[0] & back[0] & ~off[1], far[-1] & back[-1] & ~off[-2]
+    # Where the part began is left out by the size of its step alone: a wait after it is no excuse.
+    own = np.abs(np.diff(q))
+    leaps = own[0] > config.usual_steps * np.median(own[own > 0])
+    off[0], off[-1] = leaps & far[0] & back[0] & ~off[1], far[-1] & back[-1] & ~off[-2]
     number = np.arange(q.size) if frames is None else frames
     return off | _astray(q, number, config) | _gone_back_beyond(q, steps, far, most)
 

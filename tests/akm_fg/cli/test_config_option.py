@@ -81,7 +81,8 @@ def test_states_beside_the_graph_are_tuned_by_the_file_too(door, tmp_path: Path,
     plain = tuple(replace(f, rgb=np.full_like(f.rgb, 120)) for f in door.frames)
     write_recording(tmp_path / "door", Recording("door", plain))
     mine = tmp_path / "mine.toml"
-    mine.write_text("fit.surface.keyframes_alone = 6\nstream.surface_state.least_share = 1.1")
+    never = "stream.surface_state.least_share = 1.1\nstream.surface_state.least_found = 1.1"
+    mine.write_text(f"fit.surface.keyframes_alone = 6\n{never}")
     few = fitted(tmp_path / "door", tmp_path / "few.jsonl", "--config", str(mine))
     known = [k for k, q in enumerate(few["states"]["mean"]) if q is not None]
     assert len(known) == 6 and known == few["fit"]["keyframes_registered"]
