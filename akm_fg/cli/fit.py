@@ -152,9 +152,9 @@ def _batch(arguments: FitArguments, progress: Progress) -> _Batch:
     stages = stages_of(config)
     folders = None
     if arguments.out is not None:
-        from akm_fg.cli.fitting.folder import folders_of, make_folder
+        from akm_fg.cli.fitting.folder import claim_folder, folders_of
 
-        make_folder(arguments.out)
+        claim_folder(arguments.out)
         folders = folders_of(arguments.out, arguments.inputs)
     return _Batch(arguments, config, stages, folders, progress)
 

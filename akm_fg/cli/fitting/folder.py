@@ -30,6 +30,9 @@ from akm_fg.view.embedded import embedded_view
 
 log = logging.getLogger(__name__)
 
+SETTINGS = "config.toml"
+_OF_A_FIT = "# All settings of akm-fg fit"  # how the settings of one begin
+
 
 def folders_of(out: Path, inputs: Sequence[Path]) -> list[Path]:
     """OUT itself for one input; for several a folder in it for each, named like the input."""
@@ -62,6 +65,26 @@ def make_folder(folder: Path) -> None:
         raise OutputError(f"{folder}: cannot be written; expected a folder that can")
 
 
+def claim_folder(folder: Path) -> None:
+    """Make a fit's folder, as `make_folder`, and find out whether it is another command's.
+
+    Raises:
+        OutputError: it cannot be made or written, or another command keeps its settings there.
+    """
+    make_folder(folder)
+    kept = folder / SETTINGS
+    try:
+        with kept.open(encoding="utf-8", errors="replace") as file:
+            begins = file.readline()
+    except FileNotFoundError:
+        return
+    except OSError as error:
+        raise OutputError(f"{kept}: {error.strerror}; expected settings of a fit") from error
+    if not begins.startswith(_OF_A_FIT):
+        wanted = "expected a new folder, or one that a fit wrote"
+        raise OutputError(f"{kept}: is of another run, which would be lost; {wanted}")
+
+
 def write_folder(
     folder: Path, data: FitInput, fit: InputFit, seed: int, command: str, config: AkmConfig
 ) -> None:
@@ -70,11 +93,11 @@ def write_folder(
     Raises:
         OutputError: the disk refuses.
     """
-    make_folder(folder)
+    claim_folder(folder)
     summary = _summary(data, fit, seed, command)
     line = posterior_as_line(fit.posterior) + "\n"
     replace_file(folder / "posterior.json", line.encode())
-    write_tree(folder / "config.toml", config, f"All settings of {command}")
+    write_tree(folder / SETTINGS, config, f"All settings of {command}")
     drawn = None
     if summary.recording is not None:
         make_folder(folder / "pictures")

@@ -119,3 +119,18 @@ def test_without_a_folder_or_a_terminal_progress_is_silent(
             progress.watched(frame, 60)
         progress.done()
         assert len(capfd.readouterr().err.splitlines()) == lines
+
+
+def test_the_folder_of_another_run_is_left_as_it_is(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    log, run = _log(tmp_path / "a.log"), tmp_path / "run"
+    run.mkdir()
+    (run / "config.toml").write_text("# All settings of akm-fg explore x\n")
+    assert main(["fit", str(log), "--out", str(run)]) == 2
+    told = capsys.readouterr().err.strip().splitlines()
+    assert len(told) == 1 and "is of another run" in told[0] and "expected a new folder" in told[0]
+    assert [file.name for file in run.iterdir()] == ["config.toml"]
+    other = tmp_path / "mine"
+    assert main(["fit", str(log), "--out", str(other)]) in (0, 1)
+    assert main(["fit", str(log), "--out", str(other)]) in (0, 1)  # its own may be written again
