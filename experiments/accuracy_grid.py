@@ -17,11 +17,10 @@ from __future__ import annotations
 
 import argparse
 import fnmatch
-import sys
 from dataclasses import dataclass
 from pathlib import Path
 
-from akm_fg.errors import MissingDependency
+from experiments.pages.one_line import ends_in_one_line
 from experiments.rows.provenance import note_run
 from experiments.rows.rows import fill, keys
 from experiments.trials.cells import Cell, grid_cells, table_cells
@@ -71,10 +70,8 @@ def main() -> None:
     parser.add_argument("--first-seed", type=int, default=default.first_seed)
     parser.add_argument("--cells", default=default.cells, help="a glob, such as '*clean'")
     parser.add_argument("--out", type=Path, default=default.out)
-    try:
+    with ends_in_one_line("accuracy_grid"):
         run(AccuracyConfig(**vars(parser.parse_args())))
-    except MissingDependency as error:  # the peer's environment
-        sys.exit(str(error))
 
 
 if __name__ == "__main__":

@@ -27,7 +27,6 @@ from matplotlib.axes import Axes
 from akm_fg.cli.exploring.explore import simulated_default
 from akm_fg.errors import AkmError
 from akm_fg.io.recording_reader import read_recording, read_truth
-from akm_fg.report.score import axis_angle_rad, line_distance_m
 from akm_fg.stream.frame_stream import FrameStream
 from akm_fg.stream.seen_so_far import hands_of
 from experiments.closed_loop import kept_models
@@ -37,6 +36,7 @@ from experiments.pages.figures import COLOURS, log_ticks, new_figure, save
 from experiments.pages.tables import markdown, percent
 from experiments.rows.json_lines import append_line, rows_of
 from experiments.rows.provenance import note_run
+from experiments.scores.scoring import axis_off, within
 from experiments.scores.statistics import share
 
 STRETCH_M = 0.03  # of the hand's way: bins are as wide, and a stretch ends in the middle of one
@@ -63,9 +63,8 @@ class PullRow:
     @property
     def within(self) -> bool:
         """The paper's ASR_1."""
-        if self.kind != self.kind_true or self.axis_error_deg is None:
-            return False
-        return self.axis_error_deg <= 1.0 and (self.line_distance_m or 0.0) <= 0.01
+        right = self.kind == self.kind_true
+        return right and within(self.axis_error_deg, self.line_distance_m, 1.0)
 
 
 def run_recording(name: str, seed: int, folder: Path) -> list[PullRow]:
@@ -92,10 +91,9 @@ def run_recording(name: str, seed: int, folder: Path) -> list[PullRow]:
         joint = posterior.best.joint
         error, bound, distance, line_bound = None, None, None, None
         if joint is not None:
-            error = float(np.rad2deg(axis_angle_rad(joint.axis, truth.axis)))
+            error, distance = axis_off(joint.axis, joint.pivot, truth)
             bound = float(np.rad2deg(joint.axis_bound_rad()))
-            if joint.pivot is not None and truth.pivot is not None:
-                distance = line_distance_m(joint.pivot, joint.axis, truth.pivot, truth.axis)
+            if distance is not None:
                 line_bound = joint.pivot_bound_m()
         rows.append(
             PullRow(

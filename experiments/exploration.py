@@ -32,12 +32,11 @@ from akm_fg.cli.exploring.simulated import explore_in_simulator
 from akm_fg.cli.object_argument import parse_object
 from akm_fg.errors import AkmError
 from akm_fg.exploration.records import Stretch
-from akm_fg.report.score import axis_angle_rad, line_distance_m
 from experiments.pages.tables import markdown, percent
 from experiments.rows.json_lines import append_line, rows_of
 from experiments.rows.provenance import note_run
 from experiments.scores.answers import answer_of_posterior
-from experiments.scores.scoring import consistency_of
+from experiments.scores.scoring import axis_off, consistency_of, within
 from experiments.scores.statistics import share
 from sim.objects.suites.catalogue import ALL_SUITES, find_suite
 
@@ -84,10 +83,8 @@ class ExplorationRow:
 
     def within(self, degrees_and_cm: float) -> bool:
         """The paper's ASR_x; a failed exploration is not within."""
-        if not (self.moved and self.kind == self.kind_true) or self.axis_error_deg is None:
-            return False
-        far = self.line_distance_m is not None and 100 * self.line_distance_m > degrees_and_cm
-        return self.axis_error_deg <= degrees_and_cm and not far
+        right = self.moved and self.kind == self.kind_true
+        return right and within(self.axis_error_deg, self.line_distance_m, degrees_and_cm)
 
 
 def run_trial(name: str, setting: str, seed: int, folder: Path) -> ExplorationRow:
@@ -118,10 +115,8 @@ def row_of(
     axis, distance, bound, inside = None, None, None, None
     if posterior is not None and posterior.best.joint is not None:
         joint = posterior.best.joint
-        axis = float(np.rad2deg(axis_angle_rad(joint.axis, truth.axis)))
+        axis, distance = axis_off(joint.axis, joint.pivot, truth)
         bound = float(np.rad2deg(joint.axis_bound_rad()))
-        if joint.pivot is not None and truth.pivot is not None:
-            distance = line_distance_m(joint.pivot, joint.axis, truth.pivot, truth.axis)
         solved = solved_frames(exploration.fit)
         truth = truth if solved is None else replace(truth, states=truth.states[:solved])
         fit = answer_of_posterior(posterior).fits.get(truth.kind)

@@ -12,13 +12,12 @@ on one core; `--method paper` is the rule "the lower loss decides", which knows 
 from __future__ import annotations
 
 import argparse
-import sys
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from akm_fg.errors import MissingDependency
 from experiments.pages.figures import COLOURS, NAMES, line_with_band, log_ticks, new_figure, save
+from experiments.pages.one_line import ends_in_one_line
 from experiments.pages.tables import NoRows, grouped, markdown, of_method, percent
 from experiments.rows.provenance import note_run
 from experiments.rows.rows import TrialRow, fill, keys
@@ -158,10 +157,8 @@ def main() -> None:
     parser.add_argument("--travels", type=float, nargs="+", default=default.travels)
     parser.add_argument("--out", type=Path, default=default.out)
     arguments = vars(parser.parse_args())
-    try:
+    with ends_in_one_line("kind_against_travel"):
         run(KindConfig(**{**arguments, "travels": tuple(arguments["travels"])}))
-    except MissingDependency as error:  # the peer's environment
-        sys.exit(str(error))
 
 
 if __name__ == "__main__":

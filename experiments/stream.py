@@ -34,6 +34,7 @@ from akm_fg.records import Recording
 from akm_fg.report.score import axis_angle_rad, point_line_distance_m
 from akm_fg.stream.frame_stream import FrameStream
 from akm_fg.stream.seen_so_far import hands_of
+from experiments.pages.one_line import ends_in_one_line
 from experiments.pages.tables import NoRows, markdown
 from experiments.rows.json_lines import append_line, whole_lines
 from experiments.rows.provenance import note_run
@@ -268,10 +269,8 @@ def main() -> None:
     parser.add_argument("--long-every", type=int, default=default.long_every)
     parser.add_argument("--out", type=Path, default=default.out)
     config = StreamConfig(**vars(parser.parse_args()))
-    try:
+    with ends_in_one_line("stream"):
         run(config)
-    except NoRows as nothing:
-        raise SystemExit(f"stream: {nothing}") from nothing
     rows = read_rows(config.out)
     for table in (agreement_table, speed_table):
         try:

@@ -20,6 +20,7 @@ import numpy as np
 
 from akm_fg.pipeline import fit_recording
 from experiments.pages.figures import COLOURS, new_figure, save
+from experiments.pages.one_line import ends_in_one_line
 from experiments.pages.tables import (
     NoRows,
     grouped,
@@ -213,10 +214,8 @@ def main() -> None:
     parser.add_argument("--limit", type=int, default=default.limit, help="so many recordings")
     parser.add_argument("--out", type=Path, default=default.out)
     arguments = vars(parser.parse_args())
-    try:
+    with ends_in_one_line("surface_gain"):
         run(SurfaceGainConfig(**{**arguments, "methods": tuple(arguments["methods"])}))
-    except NoRows as nothing:
-        raise SystemExit(f"surface_gain: {nothing}") from nothing
 
 
 if __name__ == "__main__":

@@ -21,6 +21,7 @@ from pathlib import Path
 import numpy as np
 
 from experiments.pages.figures import COLOURS, dots_with_bars, new_figure, rows_named, save
+from experiments.pages.one_line import ends_in_one_line
 from experiments.pages.tables import NoRows, grouped, markdown, number, of_method
 from experiments.rows.rows import TrialRow, read_rows
 from experiments.scores.statistics import Estimate, median, rms_ratio
@@ -153,10 +154,8 @@ def main() -> None:
     """Print the table."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--rows", type=Path, default=Path("runs/accuracy"))
-    try:
+    with ends_in_one_line("cramer_rao"):
         print(ratio_table(read_rows(parser.parse_args().rows)))
-    except NoRows as nothing:
-        raise SystemExit(f"cramer_rao: {nothing}") from nothing
 
 
 if __name__ == "__main__":

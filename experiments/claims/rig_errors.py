@@ -26,6 +26,7 @@ from akm_fg.io.recording import read_recording, read_truth
 from akm_fg.pipeline import fit_recording
 from akm_fg.records import CalibrationErrors, Recording
 from experiments.pages.covered import NOTHING, inside_columns, nees_of_joint
+from experiments.pages.one_line import ends_in_one_line
 from experiments.pages.tables import NoRows, grouped, markdown, percent
 from experiments.rows.provenance import note_run
 from experiments.rows.rows import Key, TrialRow, fill, keys, read_rows, trial_row
@@ -113,10 +114,8 @@ def main() -> None:
     parser.add_argument("--out", type=Path, default=Path("runs/rig-errors"))
     arguments = parser.parse_args()
     config = RigErrorsConfig(arguments.recordings, arguments.first_seed, arguments.out)
-    try:
+    with ends_in_one_line("rig_errors"):
         print(table(run(config)))
-    except NoRows as nothing:
-        raise SystemExit(f"rig_errors: {nothing}") from nothing
 
 
 if __name__ == "__main__":

@@ -56,16 +56,36 @@ class Consistency:
     states_inside95: float | None = None  # share of the frames
 
 
+def axis_off(
+    axis: FloatArray, pivot: FloatArray | None, truth: JointTruth
+) -> tuple[float, float | None]:
+    """Degrees between an axis (3,) and the true one, metres between their lines, if both have one.
+
+    The paper's measures of a joint.
+    """
+    distance_m = None
+    if pivot is not None and truth.pivot is not None:
+        distance_m = line_distance_m(pivot, axis, truth.pivot, truth.axis)
+    return float(np.degrees(axis_angle_rad(axis, truth.axis))), distance_m
+
+
+def within(axis_error_deg: float | None, line_m: float | None, degrees_and_cm: float) -> bool:
+    """The paper's ASR_x of a joint whose kind is right; None: no axis, or nothing that turns."""
+    if axis_error_deg is None:
+        return False
+    return axis_error_deg <= degrees_and_cm and 100.0 * (line_m or 0.0) <= degrees_and_cm
+
+
 def errors_of(fit: JointFit, truth: JointTruth) -> Errors:
     """Errors of a fit of the true kind."""
-    pivot_error = distance = None
+    pivot_error = None
     if fit.pivot is not None and truth.pivot is not None:
         pivot_error = point_line_distance_m(fit.pivot, truth.pivot, truth.axis)
-        distance = line_distance_m(fit.pivot, fit.axis, truth.pivot, truth.axis)
+    axis_error_deg, distance = axis_off(fit.axis, fit.pivot, truth)
     state_errors = _state_errors(fit, truth)
     known = state_errors[np.isfinite(state_errors)]
     return Errors(
-        axis_error_deg=float(np.degrees(axis_angle_rad(fit.axis, truth.axis))),
+        axis_error_deg=axis_error_deg,
         pivot_error_m=pivot_error,
         line_distance_m=distance,
         last_state_error=float(known[-1]) if known.size else None,
