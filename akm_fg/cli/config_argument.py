@@ -17,6 +17,7 @@ Tree = TypeVar("Tree", bound=AkmConfig)
 
 # Tables of the tree that belong to one kind of command, and are left alone by the others.
 SIMULATOR, HARDWARE = "sim", "hardware"
+CONFIG = "config.toml"  # all settings of a run, in its folder
 SUFFIX = ".config.toml"  # added to the name of a file of results
 
 

@@ -136,9 +136,9 @@ def run_demo(
     wanted = None if arguments.target is None else parse_target(arguments.target)
     require_simulator()
     from akm_fg.backends.registry import stages_of
-    from akm_fg.cli.config_argument import write_tree
+    from akm_fg.cli.config_argument import CONFIG, write_tree
     from akm_fg.cli.demo_config import demo_config
-    from akm_fg.cli.simulated_run import CONFIG, RunRequest, run_in_simulator
+    from akm_fg.cli.simulated_run import RunRequest, run_in_simulator
 
     config = demo_config(arguments, config)
     stages = stages_of(config)

@@ -15,6 +15,7 @@ import numpy as np
 from akm_fg import __version__
 from akm_fg.arm.body.limits import MotionRecorder
 from akm_fg.arm.depth_from_arm import DepthFromArmConfig, correct_by_arm
+from akm_fg.cli.config_argument import CONFIG
 from akm_fg.cli.console.lines import tell
 from akm_fg.cli.demo_config import DemoConfig, SimulatorConfig
 from akm_fg.cli.exploring.outcome import fitted_recording
@@ -34,7 +35,6 @@ from sim.objects.staging import PlacementMode
 from sim.robot.slip import SlipGauge
 
 RECORDING = "recording"  # the folder of the recording in the folder of the run
-CONFIG = "config.toml"  # all settings, beside it
 
 
 @dataclass(frozen=True, slots=True)

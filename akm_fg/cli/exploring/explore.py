@@ -205,9 +205,9 @@ def explore_request(
         what: the command's name, for the folder.
     """
     from akm_fg.backends.registry import stages_of
-    from akm_fg.cli.config_argument import write_tree
+    from akm_fg.cli.config_argument import CONFIG, write_tree
     from akm_fg.cli.demo_config import demo_config
-    from akm_fg.cli.exploring.kept import CONFIG, read_request
+    from akm_fg.cli.exploring.kept import read_request
     from akm_fg.cli.exploring.simulated import ExploreRequest
 
     config = demo_config(arguments, config or simulated_default())

@@ -14,7 +14,6 @@ from akm_fg.io.png import replace_file
 from akm_fg.model.read import read_model
 from akm_fg.records import JointTruth
 
-CONFIG = "config.toml"
 RESULT = "explore.json"
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 from akm_fg.backends.registry import stages_of
-from akm_fg.cli.config_argument import chosen_config, write_tree
+from akm_fg.cli.config_argument import CONFIG, chosen_config, write_tree
 from akm_fg.cli.demo import make_run_folder
 from akm_fg.cli.exploring.explore import (
     ExploreArguments,
@@ -15,7 +15,7 @@ from akm_fg.cli.exploring.explore import (
     memory_folder,
     with_memory,
 )
-from akm_fg.cli.exploring.kept import CONFIG, read_request
+from akm_fg.cli.exploring.kept import read_request
 from akm_fg.cli.exploring.on_robot import RobotConfig, RobotRequest
 from akm_fg.errors import InputError
 from akm_fg.hardware.mounted_camera import read_mounted_camera

@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from akm_fg import __version__
-from akm_fg.cli.config_argument import write_tree
+from akm_fg.cli.config_argument import CONFIG, write_tree
 from akm_fg.config import AkmConfig
 from akm_fg.errors import InsufficientData, OutputError
 from akm_fg.io.inputs import FitInput
@@ -30,7 +30,6 @@ from akm_fg.view.embedded import embedded_view
 
 log = logging.getLogger(__name__)
 
-SETTINGS = "config.toml"
 _OF_A_FIT = "# All settings of akm-fg fit"  # how the settings of one begin
 
 
@@ -72,7 +71,7 @@ def claim_folder(folder: Path) -> None:
         OutputError: it cannot be made or written, or another command keeps its settings there.
     """
     make_folder(folder)
-    kept = folder / SETTINGS
+    kept = folder / CONFIG
     try:
         with kept.open(encoding="utf-8", errors="replace") as file:
             begins = file.readline()
@@ -97,7 +96,7 @@ def write_folder(
     summary = _summary(data, fit, seed, command)
     line = posterior_as_line(fit.posterior) + "\n"
     replace_file(folder / "posterior.json", line.encode())
-    write_tree(folder / SETTINGS, config, f"All settings of {command}")
+    write_tree(folder / CONFIG, config, f"All settings of {command}")
     drawn = None
     if summary.recording is not None:
         make_folder(folder / "pictures")
