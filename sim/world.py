@@ -264,7 +264,7 @@ class SimWorld:
             joint = self.part_joints[part]
             state = p.getLinkState(self.object_id, joint, physicsClientId=self.client)
             lever_m = float(np.linalg.norm(np.cross(state[0] - truth.pivot, truth.axis)))
-        axis_object = [self.built.axis_object, *self.built.more_axes_object][part]
+        axis_object = self.placement.T_world_object.rotation().matrix().T @ truth.axis
         weight_n = self.config.gravity_m_s2 * mechanism.mass_kg
         return slope_load(weight_n, axis_object, truth.axis, lever_m)
 

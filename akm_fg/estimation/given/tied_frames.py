@@ -84,20 +84,24 @@ def off_the_path(
             not said.
     """
     config, off = config or SurfaceConfig(), np.zeros(q.size, dtype=bool)
-    steps = np.diff(q) if frames is None else np.diff(q) / np.diff(frames)
-    moved = np.abs(steps[steps != 0])
-    if q.size < 3 or not moved.size:
+    number = np.arange(q.size) if frames is None else frames
+    steps = np.diff(q) / np.diff(number)
+    if q.size < 3 or not steps.any():
         return off
-    most = config.usual_steps * np.median(moved)
+    most = _most(steps, config)
     far = np.abs(steps) > most
     back = steps[:-1] * steps[1:] < 0
     off[1:-1] = far[:-1] & far[1:] & back
     # Where the part began is left out by the size of its step alone: a wait after it is no excuse.
-    own = np.abs(np.diff(q))
-    leaps = own[0] > config.usual_steps * np.median(own[own > 0])
+    leaps = abs(q[1] - q[0]) > _most(np.diff(q), config)
     off[0], off[-1] = leaps & far[0] & back[0] & ~off[1], far[-1] & back[-1] & ~off[-2]
-    number = np.arange(q.size) if frames is None else frames
     return off | _astray(q, number, config) | _gone_back_beyond(q, steps, far, most)
+
+
+def _most(steps: FloatArray, config: SurfaceConfig) -> float:
+    """How far a part may go in a step, by what it usually goes; infinite where it goes nowhere."""
+    moved = np.abs(steps[steps != 0])
+    return config.usual_steps * float(np.median(moved)) if moved.size else np.inf
 
 
 def _astray(q: FloatArray, frames: NDArray[np.int_], config: SurfaceConfig) -> BoolArray:
@@ -108,7 +112,7 @@ def _astray(q: FloatArray, frames: NDArray[np.int_], config: SurfaceConfig) -> B
     kept = np.arange(q.size)
     while kept.size >= 3:
         steps = np.diff(q[kept]) / np.diff(frames[kept])
-        most = config.usual_steps * np.median(np.abs(steps[steps != 0])) if steps.any() else np.inf
+        most = _most(steps, config)
         ends = np.flatnonzero(np.abs(steps) > most)  # a run is kept[i + 1 : j + 1]
         across = [
             (j - i, i, j)
