@@ -53,7 +53,7 @@ def split(words: list[str]) -> tuple[list[str], list[str]]:
 
 @pytest.fixture(scope="module")
 def stock(tmp_path_factory: pytest.TempPathFactory) -> Stock:
-    for library in ("rosbags", "liblzfse", "viser", "rerun"):
+    for library in ("rosbags", "liblzfse", "viser"):
         pytest.importorskip(library)
     return Stock(tmp_path_factory.mktemp("stock"))
 
