@@ -9,6 +9,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from akm_fg.io.sources.realsense.library import provide_libusb
+
+provide_libusb()  # before tests look whether librealsense can be had
+
 # The objects are modelled as PartNet's are: y up, front at +z of the mesh files, about 2 units
 # large; the first joint turns them upright, with the front at -x.
 ROOT_RPY = "1.570796326794897 0 -1.570796326794897"

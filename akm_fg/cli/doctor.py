@@ -16,6 +16,7 @@ from akm_fg.cli.exit_codes import BAD_INPUT, DONE
 from akm_fg.cli.output import json_output, write_line
 from akm_fg.cli.requirements import require_arm
 from akm_fg.errors import AkmError
+from akm_fg.io.sources.realsense.library import provide_libusb
 
 if TYPE_CHECKING:
     from akm_fg.hardware.check import RigCheck
@@ -114,6 +115,8 @@ def examine(package: Package) -> Finding:
         problem = "not installed"
     else:
         try:
+            if package.name == "pyrealsense2":
+                provide_libusb()
             importlib.import_module(package.module)
         except (ImportError, OSError) as error:
             problem = f"does not load: {str(error).splitlines()[0]}"

@@ -6,7 +6,6 @@ made of software.
 
 from __future__ import annotations
 
-import importlib.util
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -18,8 +17,9 @@ import gtsam
 import numpy as np
 from numpy.typing import NDArray
 
-from akm_fg.errors import CameraFailed, MissingDependency
+from akm_fg.errors import CameraFailed
 from akm_fg.hardware.realsense.config import RealSenseConfig
+from akm_fg.io.sources.realsense.library import load_librealsense
 from akm_fg.io.sources.realsense.playback import COLOURS, rgb_of
 from akm_fg.io.sources.source import Lens
 from akm_fg.records import PinholeCamera
@@ -53,11 +53,9 @@ class RealSenseStreams:
             device: librealsense's; without one, the first that is connected.
 
         Raises:
-            MissingDependency: `pyrealsense2` is not installed.
+            MissingDependency: `pyrealsense2` is not installed, or does not load.
         """
-        if importlib.util.find_spec("pyrealsense2") is None:
-            needs = "a RealSense needs pyrealsense2, which is not installed"
-            raise MissingDependency(f"{needs}; install akm-fg[hardware]")
+        self._rs: Any = load_librealsense("a RealSense", "hardware")
         self.config, self._size, self._device = config or RealSenseConfig(), colour_size, device
         self._open: list[Any] = []
         self.name = "RealSense"
@@ -68,10 +66,8 @@ class RealSenseStreams:
         Raises:
             CameraFailed: no camera, not with these pictures, or it does not start.
         """
-        import pyrealsense2 as rs
-
         try:
-            self._start(self._device or self._first(rs))
+            self._start(self._device or self._first(self._rs))
         except RuntimeError as error:
             self._stop()
             raise CameraFailed(f"{self.name} does not start ({_one_line(error)})") from error
@@ -147,8 +143,7 @@ class RealSenseStreams:
         return devices[0]
 
     def _start(self, device: Any) -> None:
-        import pyrealsense2 as rs
-
+        rs = self._rs
         if device.supports(rs.camera_info.name):
             self.name = device.get_info(rs.camera_info.name)
         found = [(s, p) for s in device.query_sensors() for p in s.get_stream_profiles()]

