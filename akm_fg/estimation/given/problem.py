@@ -15,6 +15,7 @@ from akm_fg.errors import TracksLost
 from akm_fg.estimation.config import FitConfig
 from akm_fg.estimation.given.guesses import drawer_along, guesses_from_motion
 from akm_fg.estimation.given.path import select_keyframes
+from akm_fg.estimation.sources.lasting_errors import cov_as_independent, hidden_share
 from akm_fg.estimation.sources.source import Given, LateSource, Part, Source
 from akm_fg.estimation.sources.tracks import T_OVER_NORMAL, TrackSource
 from akm_fg.geometry.joint_guess import JointGuess
@@ -135,6 +136,7 @@ def problem_of_tracks(
         name=name,
         points=tracks.select(motion.inlier),
         keyframes=keyframes,
+        R_world=motion.R_world,
         guesses=guesses_from_motion(motion),
         noise=Noise(
             noise_known, T_OVER_NORMAL * motion.scale, max(motion.scale, float(noise_known))
@@ -186,6 +188,7 @@ def problem_of_surface(
         name=name,
         points=tracks,
         keyframes=select_keyframes(path, frames, config.max_frames),
+        R_world=R,
         guesses=[guess, drawer_along(path)],
         noise=Noise(True, T_OVER_NORMAL * scale, scale),
         centroid_world=centroid_world,
@@ -210,6 +213,7 @@ def assembled(
     name: str,
     points: PointTracks,
     keyframes: NDArray[np.int_],
+    R_world: FloatArray,
     guesses: list[JointGuess],
     noise: Noise,
     centroid_world: FloatArray,
@@ -218,19 +222,22 @@ def assembled(
     tracks_rejected: int,
     config: FitConfig,
 ) -> FitProblem:
-    """The problem over its keyframes, with its tracks as the first source."""
+    """The problem over its keyframes, with its tracks as the first source.
+
+    `R_world` (T, 3, 3): how the part has turned, roughly.
+    """
     k = keyframes
     members = np.flatnonzero(points.observed[k].any(axis=0))
     points = points.select(members)
-    seen = points
-    if k.size < points.p_world.shape[0]:
-        seen = PointTracks(points.p_world[k], points.cov_world[k])
+    seen = points if k.size == points.p_world.shape[0] else points.at(k)
+    cov_world = cov_as_independent(seen, R_world[k])
     tracks = TrackSource(
-        TrackObservations.from_points(seen.p_world, seen.cov_world),
+        TrackObservations.from_points(seen.p_world, cov_world),
         noise.known,
         noise.first_scale,
         config,
         noise.systematic,
+        hidden_share=hidden_share(seen, cov_world),
     )
     return FitProblem(
         name=name,

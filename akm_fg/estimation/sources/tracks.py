@@ -78,6 +78,7 @@ class TrackSource(Source):
     config: FitConfig
     min_scale: float = 0.0  # systematic errors of a path, in the given standard deviations
     visible_share: float = 1.0  # of the noise variance that residuals show, after slow errors
+    hidden_share: float = 0.0  # of the observed numbers, taken up by errors that last
     systematic_m: float = 0.0  # errors that no averaging removes, each coordinate
     x_world: FloatArray | None = None  # (3, N) where the latent points start, state zero
     name: ClassVar[str] = TRACKS
@@ -138,9 +139,10 @@ class TrackSource(Source):
 
     @property
     def numbers(self) -> tuple[int, int]:
-        """Observed numbers, and those of the latent points."""
+        """Observed numbers, and those of the latent points and of what lasts."""
         observed = self.observations.observed
-        return 3 * int(observed.sum()), 3 * int(observed.any(axis=0).sum())
+        count = 3 * int(observed.sum())
+        return count, 3 * int(observed.any(axis=0).sum()) + round(self.hidden_share * count)
 
     @property
     def readings(self) -> float:

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from akm_fg.interfaces import SeenPixels
-from akm_fg.records import FloatArray, PixelTracks, PointTracks
+from akm_fg.records import FloatArray, LastingErrors, PixelTracks, PointTracks
 
 Frames: TypeAlias = Sequence[int] | NDArray[np.int_]
 
@@ -26,6 +26,8 @@ class SeenPoints:
     pixels: SeenPixels  # M
     p_world: FloatArray  # (M, 3) metres; NaN where there is no depth to lift them with
     cov_world: FloatArray  # (M, 3, 3) m^2; NaN likewise
+    slip_world: FloatArray | None = None  # (M, 3, 3) m^2 of that, see `LastingErrors`
+    relief_world: FloatArray | None = None  # (M, 3) metres, likewise
 
 
 class TrackStore:
@@ -63,10 +65,15 @@ class TrackStore:
         rows = self._chosen(frames)
         p_world = np.full((len(rows), self._points, 3), np.nan)
         cov_world = np.full((*p_world.shape, 3), np.nan)
+        lasting = LastingErrors(np.zeros(cov_world.shape), np.zeros(p_world.shape))
         for t, row in enumerate(rows):
             at = t, row.pixels.index
             p_world[at], cov_world[at] = row.p_world, row.cov_world
-        return PointTracks(p_world, cov_world)
+            if row.slip_world is not None:
+                lasting.slip_world[at] = row.slip_world
+            if row.relief_world is not None:
+                lasting.relief_world[at] = row.relief_world
+        return PointTracks(p_world, cov_world, lasting)
 
     def _chosen(self, frames: Frames | None) -> list[SeenPoints]:
         return self._rows if frames is None else [self._rows[t] for t in frames]

@@ -1,5 +1,7 @@
 """Pixels to points: exact on planes, honest about noise, silent at edges and holes."""
 
+from dataclasses import replace
+
 import gtsam
 import numpy as np
 import pytest
@@ -99,6 +101,45 @@ def test_lifted_points_have_honest_covariances(normal: tuple, depth_noise_image)
         nees.append(np.einsum("ni,nij,nj->n", e, np.linalg.inv(got.cov_world), e))
     assert np.isfinite(nees).all()
     assert 2.0 < np.mean(nees) < 3.6
+
+
+@pytest.mark.parametrize("normal", [(0.0, 0.0, 1.0), (0.6, 0.0, 0.8)])
+def test_texture_on_a_plane_has_no_relief(normal: tuple, depth_noise_image) -> None:
+    """Readings within the gate of noise and mouldings are the plane's; few others are left."""
+    rng = np.random.default_rng(0)
+    clean = plane_depth(pixel_grid(), normal)
+    frame = frame_of(clean + depth_noise_image(rng, clean, CAMERA.fx))
+    rgb = rng.integers(0, 255, frame.rgb.shape, dtype=np.uint8)
+    got = lift(seen_at(queries(), 0.3), replace(frame, rgb=rgb), NOISE)
+    assert np.mean(np.linalg.norm(got.relief_world, axis=1) > 0) < 0.01
+
+
+def test_what_a_patch_shows_before_its_plane_lasts_along_the_ray() -> None:
+    """By hand: a post 6 cm before a plain door a metre away, and all edges that there are on it."""
+    depth, rgb = np.ones((240, 320)), np.full((240, 320, 3), 128, np.uint8)
+    depth[100:140, 164:172], rgb[100:140, 165:171] = 0.94, 200
+    uv = np.array([[160.0, 120.0], [100.0, 120.0]])  # four pixels beside the post; far from it
+    got = lift(seen_at(uv, 0.3), replace(frame_of(depth), rgb=rgb), NOISE)
+    rays = CAMERA.back_project(uv, np.ones(2)) @ T_WORLD_CAM.rotation().matrix().T
+    np.testing.assert_allclose(got.relief_world[0], 0.06 * rays[0], rtol=0.02)
+    np.testing.assert_array_equal(got.relief_world[1], 0.0)
+    store = TrackStore()
+    store.add(got)
+    np.testing.assert_array_equal(store.point_tracks().lasting.relief_world[0], got.relief_world)
+
+
+def test_what_a_tracker_brings_along_is_lifted_onto_the_surface() -> None:
+    seen = seen_at(queries(20), 0.5)
+    frame = frame_of(plane_depth(pixel_grid(), (0.6, 0.2, 0.77)))
+    whole = lift(replace(seen, lasting_px2=seen.cov_px2), frame, NOISE)
+    depth_only = lift(replace(seen, cov_px2=0 * seen.cov_px2), frame, NOISE).cov_world
+    np.testing.assert_allclose(whole.slip_world, whole.cov_world - depth_only, atol=1e-12)
+    store = TrackStore()
+    store.add(whole)
+    store.add(lift(seen_at(queries(2), 0.5), frame, NOISE))  # of these nothing is known
+    lasting = store.point_tracks().lasting
+    np.testing.assert_array_equal(lasting.slip_world[0], whole.slip_world)
+    assert not lasting.slip_world[1].any()
 
 
 def test_lost_tracks_stay_lost_and_lengths_must_agree() -> None:
