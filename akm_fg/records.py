@@ -213,7 +213,7 @@ class PixelTracks:
 class LastingErrors:
     """What is off alike in all frames that see a point: it does not show between two of them."""
 
-    slip_world: FloatArray  # (T, N, 3, 3) m^2, of what a point has slipped by so far; 0 where lost
+    slip_world: FloatArray  # (T, N, 3) metres, by which a point may have slipped so far
     relief_world: FloatArray  # (T, N, 3) metres along the ray, by which it may lie elsewhere
 
     def select(self, tracks: NDArray[np.int_]) -> LastingErrors:

@@ -14,14 +14,13 @@ from numpy.typing import NDArray
 from akm_fg.errors import TracksLost
 from akm_fg.estimation.config import FitConfig
 from akm_fg.estimation.given.guesses import drawer_along, guesses_from_motion
+from akm_fg.estimation.given.lasting_modes import lasting_tracks, observations_of
 from akm_fg.estimation.given.path import select_keyframes
-from akm_fg.estimation.sources.lasting_errors import cov_as_independent, hidden_share
 from akm_fg.estimation.sources.source import Given, LateSource, Part, Source
 from akm_fg.estimation.sources.tracks import T_OVER_NORMAL, TrackSource
 from akm_fg.geometry.joint_guess import JointGuess
 from akm_fg.geometry.rigid_motion import MIN_POINTS, RigidMotion, free_rigid_motion
 from akm_fg.records import FloatArray, PointTracks
-from factors.measurements.track_cost import TrackObservations
 from factors.motion_information import MotionInformation, latent_points, motion_information
 
 # Pose logs come without a noise level: observations are whitened by these and scaled by the fit.
@@ -230,14 +229,12 @@ def assembled(
     members = np.flatnonzero(points.observed[k].any(axis=0))
     points = points.select(members)
     seen = points if k.size == points.p_world.shape[0] else points.at(k)
-    cov_world = cov_as_independent(seen, R_world[k])
     tracks = TrackSource(
-        TrackObservations.from_points(seen.p_world, cov_world),
+        observations_of(seen, lasting_tracks(seen, R_world[k])),
         noise.known,
         noise.first_scale,
         config,
         noise.systematic,
-        hidden_share=hidden_share(seen, cov_world),
     )
     return FitProblem(
         name=name,

@@ -140,8 +140,14 @@ def lift(
     relief_cam = relief[:, None] * p_cam / p_cam[:, 2:]
     slip = None
     if seen.lasting_px2 is not None:
-        slip = R @ _on_surface(J_cam_uv, seen.lasting_px2) @ R.T
+        slip = (J_cam_uv @ _longest(seen.lasting_px2)[..., None])[..., 0] @ R.T
     return SeenPoints(seen, p_world, R @ cov_cam @ R.T, slip, relief_cam @ R.T)
+
+
+def _longest(cov_px2: FloatArray) -> FloatArray:
+    """(N, 2) the longest axis of covariances, its length a standard deviation: along an edge."""
+    variance, axes = np.linalg.eigh(cov_px2)
+    return np.asarray(axes[..., -1] * np.sqrt(np.maximum(variance[..., -1:], 0.0)))
 
 
 def _by_pixel(frame: RgbdFrame, p_cam: FloatArray, local: LocalDepth) -> FloatArray:

@@ -130,16 +130,28 @@ def test_what_a_patch_shows_before_its_plane_lasts_along_the_ray() -> None:
 
 def test_what_a_tracker_brings_along_is_lifted_onto_the_surface() -> None:
     seen = seen_at(queries(20), 0.5)
+    along = np.array([0.4, 0.3])
+    lasting = np.outer(along, along) + 1e-4 * np.eye(2)
     frame = frame_of(plane_depth(pixel_grid(), (0.6, 0.2, 0.77)))
-    whole = lift(replace(seen, lasting_px2=seen.cov_px2), frame, NOISE)
-    depth_only = lift(replace(seen, cov_px2=0 * seen.cov_px2), frame, NOISE).cov_world
-    np.testing.assert_allclose(whole.slip_world, whole.cov_world - depth_only, atol=1e-12)
-    store = TrackStore()
-    store.add(whole)
-    store.add(lift(seen_at(queries(2), 0.5), frame, NOISE))  # of these nothing is known
-    lasting = store.point_tracks().lasting
-    np.testing.assert_array_equal(lasting.slip_world[0], whole.slip_world)
-    assert not lasting.slip_world[1].any()
+    got = lift(replace(seen, lasting_px2=np.tile(lasting, (20, 1, 1))), frame, NOISE)
+    moved = lift(replace(seen, uv=seen.uv + along), frame, NOISE)
+    way = moved.p_world - got.p_world
+    sign = np.sign((way * got.slip_world).sum(axis=1))[:, None]
+    np.testing.assert_allclose(got.slip_world, sign * way, atol=3e-3 * np.abs(way).max())
+
+
+def test_a_slip_keeps_its_sign_from_frame_to_frame() -> None:
+    frame = frame_of(plane_depth(pixel_grid(), (0.0, 0.0, 1.0)))
+    store, seen = TrackStore(), seen_at(queries(1), 0.5)
+    for turn in np.deg2rad([0.0, 40.0, 80.0, 120.0, 160.0]):
+        along = 0.4 * np.array([np.cos(turn), np.sin(turn)])
+        lasting = np.outer(along, along)[None] + 1e-6 * np.eye(2)
+        store.add(lift(replace(seen, lasting_px2=lasting), frame, NOISE))
+    store.add(lift(seen, frame, NOISE))  # of this nothing is known
+    slip = store.point_tracks().lasting.slip_world[:, 0]
+    assert ((slip[:4] * slip[1:5]).sum(axis=1) > 0).all()
+    assert (slip[0] * slip[4]).sum() < 0
+    assert not slip[5].any()
 
 
 def test_lost_tracks_stay_lost_and_lengths_must_agree() -> None:
