@@ -176,16 +176,21 @@ class SeenPixels:
     index: NDArray[np.int_]  # (M,) growing: points are numbered as they were given
     uv: FloatArray  # (M, 2), x right, y down, pixel centres at integers
     cov_px2: FloatArray  # (M, 2, 2) of uv: long along an edge, where a point may slip
+    # (M, 2, 2) of that, what points bring from the frames before; None: nothing is known of it.
+    lasting_px2: FloatArray | None = None
 
     def __post_init__(self) -> None:
         m = len(self.index)
         if self.uv.shape != (m, 2) or self.cov_px2.shape != (m, 2, 2):
             raise ValueError(f"{m} points, but uv {self.uv.shape}, cov_px2 {self.cov_px2.shape}")
+        if self.lasting_px2 is not None and self.lasting_px2.shape != (m, 2, 2):
+            raise ValueError(f"{m} points, but lasting_px2 {self.lasting_px2.shape}")
 
     @staticmethod
     def none() -> SeenPixels:
         """No point at all."""
-        return SeenPixels(np.zeros(0, dtype=int), np.zeros((0, 2)), np.zeros((0, 2, 2)))
+        none = np.zeros((0, 2, 2))
+        return SeenPixels(np.zeros(0, dtype=int), np.zeros((0, 2)), none, none)
 
     def joined(self, other: SeenPixels) -> SeenPixels:
         """These points, and then the others."""
@@ -193,6 +198,9 @@ class SeenPixels:
             np.concatenate([self.index, other.index]),
             np.concatenate([self.uv, other.uv]),
             np.concatenate([self.cov_px2, other.cov_px2]),
+            None
+            if self.lasting_px2 is None or other.lasting_px2 is None
+            else np.concatenate([self.lasting_px2, other.lasting_px2]),
         )
 
 

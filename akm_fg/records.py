@@ -210,6 +210,24 @@ class PixelTracks:
 
 
 @dataclass(frozen=True, slots=True)
+class LastingErrors:
+    """What is off alike in all frames that see a point: it does not show between two of them."""
+
+    slip_world: FloatArray  # (T, N, 3) metres, by which a point may have slipped so far
+    relief_world: FloatArray  # (T, N, 3) metres along the ray, by which it may lie elsewhere
+
+    def select(self, tracks: NDArray[np.int_]) -> LastingErrors:
+        """Of the tracks with these indices."""
+        return LastingErrors(
+            self.slip_world.take(tracks, axis=1), self.relief_world.take(tracks, axis=1)
+        )
+
+    def at(self, frames: NDArray[np.int_]) -> LastingErrors:
+        """In the frames with these indices."""
+        return LastingErrors(self.slip_world[frames], self.relief_world[frames])
+
+
+@dataclass(frozen=True, slots=True)
 class PointTracks:
     """N points followed through T frames in space, each observation with its covariance.
 
@@ -218,6 +236,7 @@ class PointTracks:
 
     p_world: FloatArray  # (T, N, 3) metres; NaN where lost
     cov_world: FloatArray  # (T, N, 3, 3) m^2; NaN where lost
+    lasting: LastingErrors | None = None  # what is known of errors that last
 
     def __post_init__(self) -> None:
         _require(
@@ -239,7 +258,14 @@ class PointTracks:
             if tracks.all():
                 return self
             tracks = np.flatnonzero(tracks)
-        return PointTracks(self.p_world.take(tracks, axis=1), self.cov_world.take(tracks, axis=1))
+        lasting = None if self.lasting is None else self.lasting.select(tracks)
+        p_world, cov_world = (x.take(tracks, axis=1) for x in (self.p_world, self.cov_world))
+        return PointTracks(p_world, cov_world, lasting)
+
+    def at(self, frames: NDArray[np.int_]) -> PointTracks:
+        """The frames with these indices."""
+        lasting = None if self.lasting is None else self.lasting.at(frames)
+        return PointTracks(self.p_world[frames], self.cov_world[frames], lasting)
 
 
 @dataclass(frozen=True, slots=True)

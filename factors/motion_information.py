@@ -22,7 +22,14 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from factors.measurements.track_cost import TrackObservations, best_reference, first_reference
+from factors.measurements.lasting_errors import Marginal
+from factors.measurements.track_cost import (
+    Slips,
+    TrackCost,
+    TrackObservations,
+    cost_at,
+    first_reference,
+)
 from factors.measurements.track_information import (
     MOMENT_TWISTS,
     twist_jacobian,
@@ -67,9 +74,11 @@ def motion_information(
     Raises:
         ValueError: the number of motions is not that of the frames.
     """
-    z, x, W, d2 = _taken_back(R_world, t_world, tracks, dof, scale, x_start)
-    H, g = _marginal_form(W, times(W, z - x), twist_jacobian(x))
-    return MotionInformation(R_world, t_world, information=H, gradient=g, x_world=x, d2=d2)
+    cost = _taken_back(R_world, t_world, tracks, dof, scale, x_start)
+    H, g = _marginal_form(cost)
+    return MotionInformation(
+        R_world, t_world, information=H, gradient=g, x_world=cost.x_joint, d2=cost.d2
+    )
 
 
 def latent_points(
@@ -81,8 +90,8 @@ def latent_points(
     x_start: Array | None = None,
 ) -> tuple[Array, Array]:
     """Latent points (3, N) and squared whitened errors (T, N) alone; arguments as above."""
-    _, x, _, d2 = _taken_back(R_world, t_world, tracks, dof, scale, x_start)
-    return x, d2
+    cost = _taken_back(R_world, t_world, tracks, dof, scale, x_start)
+    return cost.x_joint, cost.d2
 
 
 def _taken_back(
@@ -92,8 +101,8 @@ def _taken_back(
     dof: float,
     scale: float,
     x_start: Array | None,
-) -> tuple[Array, Array, Array, Array]:
-    """Points (T, 3, N) in the reference pose, latent points, weights (T, 6, N), squared errors."""
+) -> TrackCost:
+    """The cost of the points in the reference pose."""
     T = tracks.p_world.shape[0]
     if R_world.shape != (T, 3, 3) or t_world.shape != (T, 3):
         raise ValueError(f"motions {R_world.shape} and {t_world.shape}, tracks have {T} frames")
@@ -101,18 +110,14 @@ def _taken_back(
     information = rotated(tracks.information_world, R_world) / scale**2
     if x_start is None:
         x_start = first_reference(z, tracks.observed)
-    x, W, d2 = best_reference(z, information, x_start, dof)
-    return z, x, W, d2
+    modes = None if tracks.lasting is None else tracks.lasting.turned(R_world)
+    return cost_at(z, information, x_start, dof, modes)
 
 
-def _marginal_form(W: Array, We: Array, G: Array) -> tuple[Array, Array]:
-    """Information (6 T, 6 T) and gradient (6 T,) with the latent points marginalised.
-
-    Args:
-        W: (T, 6 or 1, N) weighted information.
-        We: (T, 3, N) weighted errors.
-        G: (3, 6, N) twist Jacobians.
-    """
+def _marginal_form(cost: TrackCost) -> tuple[Array, Array]:
+    """Information (6 T, 6 T) and gradient (6 T,) with the latent points marginalised."""
+    W, G = cost.information, twist_jacobian(cost.x_joint)
+    We = times(W, cost.z_joint - cost.x_joint)
     T, width, N = W.shape
     frames, total = np.arange(T), W.sum(axis=0)
     H = np.zeros((6 * T, 6 * T))
@@ -130,7 +135,21 @@ def _marginal_form(W: Array, We: Array, G: Array) -> tuple[Array, Array]:
         np.negative(W[:, UNPACK[j]], out=by_twist[:, 3 + j])
     held = _whitened(total, rows).reshape(6 * T + 1, 3 * N)
     H -= held[:-1] @ held[:-1].T
-    return H, _by_twists(We, G).ravel() - held[:-1] @ held[-1]
+    g = _by_twists(We, G).ravel() - held[:-1] @ held[-1]
+    if cost.slips is None or cost.marginal is None:
+        return H, g
+    taken = _lasting(cost, cost.slips, cost.marginal, rows, G)
+    return H - taken[:-1, :-1], g - taken[:-1, -1]
+
+
+def _lasting(cost: TrackCost, slips: Slips, marginal: Marginal, rows: Array, G: Array) -> Array:
+    """(6 T + 1, 6 T + 1) what marginalising the errors that last takes, the gradient's row last."""
+    some = slips.tracks
+    by_twist = np.einsum("mtil,ijl->tjml", marginal.weighted, G[..., some])
+    e = cost.z_joint[..., some] - cost.x_joint[:, some]
+    pull = np.einsum("mtil,til->ml", marginal.weighted, e) - slips.amount / marginal.modes.sd**2
+    own = np.concatenate([by_twist.reshape(-1, *pull.shape), pull[None]])
+    return marginal.taken(marginal.left(own, rows[..., some]))
 
 
 def _by_twists(v: Array, G: Array) -> Array:

@@ -36,7 +36,9 @@ class SurfaceConfig:
     """Registration of the surface in keyframes."""
 
     keyframes: int = 5  # as the paper
-    keyframes_alone: int = 20  # where no tracks help
+    # Where depth leads: a plain part's few tracks tell the states of no other frame. A turning
+    # plane tells how deep its hinge lies by 1 - cos of its turn alone: every frame is welcome.
+    keyframes_alone: int = 20
     associations: int = 4  # rounds; the first gates take up what the tracks were off
     first_gate_m: float = 0.03
     gate_sigmas: float = 6.0  # of what the last round left

@@ -214,7 +214,8 @@ def surface_in_steps(
     start = problem.guesses[0]
     known = {TRACKS: problem.tracks.first_scale, SURFACE: 1.0}
     first = FirstFit(start, np.zeros(start.q.size), known, as_one=1.0)
-    registered = yield from register(problem, first, surface)
+    alone = config.surface.keyframes_alone
+    registered = yield from register(problem, first, surface, alone)
     if registered is None:
         raise TracksLost(
             f"{name}: the part's surface is not seen again in two keyframes; "

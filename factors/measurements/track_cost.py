@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from factors.joint import Joint
+from factors.measurements.lasting_errors import LastingModes, Marginal, best_latents
 from factors.packed import (
     COL,
     ROW,
@@ -24,6 +25,9 @@ from factors.student_t import twice_negative_log_kernel, weight
 
 Array = NDArray[np.float64]
 
+ITERATIONS = 20
+TOLERANCE = 5e-3  # squared step in a latent point's own deviations
+
 
 @dataclass(frozen=True, slots=True)
 class TrackObservations:
@@ -33,10 +37,18 @@ class TrackObservations:
     information_world: Array  # (T, 6 or 1, N) inverse covariance, packed; 0 where not observed
     observed: NDArray[np.bool_]  # (T, N)
     log_det_cov: float  # sum over the observed of log |cov|
+    lasting: LastingModes | None = None  # errors beside those of the covariances, world axes
 
     @staticmethod
-    def from_points(p_world: Array, cov_world: Array) -> TrackObservations:
+    def from_points(
+        p_world: Array, cov_world: Array, lasting: LastingModes | None = None
+    ) -> TrackObservations:
         """Pack points (T, N, 3), NaN where lost, with covariances (T, N, 3, 3) in m^2.
+
+        Args:
+            p_world: the points.
+            cov_world: of what is off anew in every frame.
+            lasting: what is off alike in all of them.
 
         Raises:
             ValueError: shapes that do not match, or a covariance that is not positive definite.
@@ -58,7 +70,7 @@ class TrackObservations:
         if not np.isfinite(packed).all():
             raise ValueError("a covariance of an observed point is not finite")
         minors = [packed[0], packed[0] * packed[3] - packed[1] * packed[1]]
-        if multiples_of_identity(packed):
+        if lasting is None and multiples_of_identity(packed):
             packed = packed[:1]
         with np.errstate(divide="ignore", invalid="ignore"):
             inverse, determinant = inverse_and_determinant(packed)
@@ -69,6 +81,7 @@ class TrackObservations:
             information_world=np.ascontiguousarray((inverse * observed).swapaxes(0, 1)),
             observed=observed,
             log_det_cov=float(np.log(determinant).sum()),
+            lasting=lasting,
         )
 
     def select(self, tracks: NDArray) -> TrackObservations:
@@ -78,7 +91,26 @@ class TrackObservations:
             self.information_world[:, :, tracks],
             self.observed[:, tracks],
             float("nan"),
+            None if self.lasting is None else self.lasting.select(tracks),
         )
+
+    def at(self, frames: NDArray[np.int_]) -> TrackObservations:
+        """The frames with these indices; `log_det_cov` stays that of all."""
+        return TrackObservations(
+            self.p_world[frames],
+            self.information_world[frames],
+            self.observed[frames],
+            self.log_det_cov,
+            None if self.lasting is None else self.lasting.at(frames),
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class Slips:
+    """Errors that last, at their best."""
+
+    tracks: NDArray[np.int_]  # (L,)
+    amount: Array  # (M, L)
 
 
 @dataclass(frozen=True, slots=True)
@@ -88,9 +120,11 @@ class TrackCost:
     twice_cost: float
     d2: Array  # (T, N) squared whitened errors; 0 where not observed
     x_joint: Array  # (3, N) latent reference points, joint frame
-    log_det_latent: float  # sum of log |information of x_n|
-    z_joint: Array  # (T, 3, N) reference coordinates
+    log_det_latent: float  # sum of log |information of x_n, and of what lasts|
+    z_joint: Array  # (T, 3, N) reference coordinates, less what lasts
     information: Array  # (T, 6 or 1, N) weighted, packed, in reference coordinates
+    slips: Slips | None = None
+    marginal: Marginal | None = None  # of the slips, in reference coordinates
 
 
 def track_cost(
@@ -113,15 +147,62 @@ def track_cost(
     """
     z, information = taken_back(joint, q, tracks)
     x = first_reference(z, tracks.observed) if x_start is None else x_start
-    x, weighted, d2 = best_reference(z, information / scale**2, x, dof)
+    modes = None
+    if tracks.lasting is not None:
+        modes = tracks.lasting.turned(joint.R_world_joint @ joint.displacement(q)[0])
+    return cost_at(z, information / scale**2, x, dof, modes)
+
+
+def cost_at(
+    z: Array, information: Array, x: Array, dof: float, modes: LastingModes | None
+) -> TrackCost:
+    """The cost of points (T, 3, N) in the reference pose, of `information` there.
+
+    Args:
+        z: reference coordinates.
+        information: (T, 6 or 1, N) packed, noise scale included.
+        x: (3, N) where to start the latent points.
+        dof: degrees of freedom of the Student-t kernel.
+        modes: what lasts, in the axes of z.
+    """
+    if modes is None:
+        x, weighted, d2 = best_reference(z, information, x, dof)
+        slips, marginal, twice, log_det = None, None, 0.0, 0.0
+    else:
+        z, x, amount = _with_what_lasts(z, information, x, dof, modes)
+        d2 = squared_length(information, z - x)
+        weighted = information * weight(d2, dof, 3)[:, None, :]
+        slips = Slips(modes.tracks, amount)
+        marginal = Marginal.of(modes, weighted[..., modes.tracks])
+        twice, log_det = float(((amount / modes.sd) ** 2).sum()), marginal.log_det
     return TrackCost(
-        twice_cost=float(twice_negative_log_kernel(d2, dof, 3).sum()),
+        twice_cost=float(twice_negative_log_kernel(d2, dof, 3).sum()) + twice,
         d2=d2,
         x_joint=x,
-        log_det_latent=float(np.log(inverse_and_determinant(weighted.sum(axis=0))[1]).sum()),
+        log_det_latent=float(np.log(inverse_and_determinant(weighted.sum(axis=0))[1]).sum())
+        + log_det,
         z_joint=z,
         information=weighted,
+        slips=slips,
+        marginal=marginal,
     )
+
+
+def _with_what_lasts(
+    z: Array, information: Array, x: Array, dof: float, modes: LastingModes
+) -> tuple[Array, Array, Array]:
+    """Points less what their tracks are off, latent points, and the amounts (M, L)."""
+    some = modes.tracks
+    others = np.setdiff1d(np.arange(x.shape[1]), some)
+    x = x.copy()
+    if others.size:
+        x[:, others] = best_reference(z[..., others], information[..., others], x[:, others], dof)[
+            0
+        ]
+    x[:, some], amount = best_latents(
+        z[..., some], information[..., some], x[:, some], modes, dof, ITERATIONS, TOLERANCE
+    )
+    return modes.without(z, amount), x, amount
 
 
 def taken_back(joint: Joint, q: Array, tracks: TrackObservations) -> tuple[Array, Array]:
@@ -158,8 +239,8 @@ def best_reference(
     information: Array,
     x: Array,
     dof: float,
-    iterations: int = 20,
-    tolerance: float = 5e-3,
+    iterations: int = ITERATIONS,
+    tolerance: float = TOLERANCE,
 ) -> tuple[Array, Array, Array]:
     """Minimise each point's robust cost over its reference; x, weighted information, d2."""
     x = x.copy()

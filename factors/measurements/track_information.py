@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from factors.joint import Joint, skew
-from factors.measurements.track_cost import TrackCost, TrackObservations, taken_back
+from factors.measurements.track_cost import Slips, TrackCost, TrackObservations, taken_back
 from factors.packed import (
     COL,
     ROW,
@@ -45,7 +45,37 @@ def track_normal_equations(joint: Joint, q: Array, cost: TrackCost) -> tuple[Arr
     rows[-1] = We.sum(axis=0)
     held = times(inverse_and_determinant(W.sum(axis=0))[0][None], rows)
     marginalised = rows[:-1].reshape(len(g), 3 * N) @ held.reshape(len(g) + 1, 3 * N).T
+    if cost.marginal is not None:
+        marginalised += _lasting(joint, q, adjoint, cost, rows, G)[:-1]
     return H - marginalised[:, :-1], g - marginalised[:, -1]
+
+
+def _lasting(
+    joint: Joint, q: Array, adjoint: Array, cost: TrackCost, rows: Array, G: Array
+) -> Array:
+    """(d + 1, d + 1) what marginalising the errors that last takes, the gradient's row last.
+
+    Args:
+        joint: the joint.
+        q: (T,) states.
+        adjoint: (T, 6, 6) of each frame's return.
+        cost: with errors that last.
+        rows: (d + 1, 3, N) on the latent points.
+        G: (3, 6, N) twist Jacobians.
+    """
+    assert cost.slips is not None
+    assert cost.marginal is not None
+    marginal, some = cost.marginal, cost.slips.tracks
+    Ws, T = marginal.weighted, q.size
+    by_twist = np.einsum("mtil,ijl->tjml", Ws, G[..., some])  # (T, 6, M, L)
+    own = np.empty((len(rows), *by_twist.shape[2:]))
+    own[:6] = np.einsum("tij,timl->jml", adjoint, by_twist)
+    own[6 : 6 + T] = np.einsum("j,tjml->tml", joint.unit_twist, by_twist)
+    if joint.kind.has_pitch:
+        own[-2] = np.einsum("t,tml->ml", q, by_twist[:, 5])
+    e = cost.z_joint[..., some] - cost.x_joint[:, some]
+    own[-1] = np.einsum("mtil,til->ml", Ws, e) - cost.slips.amount / marginal.modes.sd**2
+    return marginal.taken(marginal.left(own, rows[..., some]))
 
 
 def _with_latent_points_held(
@@ -159,6 +189,7 @@ def state_step(
     tracks: TrackObservations,
     dof: float,
     scale: float,
+    slips: Slips | None = None,
 ) -> tuple[Array, Array]:
     """Gauss-Newton step and information (T,) of each state with joint and latent points held.
 
@@ -169,8 +200,12 @@ def state_step(
         tracks: the observations.
         dof: degrees of freedom of the Student-t kernel.
         scale: factor on the observations' standard deviations.
+        slips: errors that last, held as well.
     """
     z, information = taken_back(joint, q, tracks)
+    if tracks.lasting is not None and slips is not None:
+        rotation = joint.R_world_joint @ joint.displacement(q)[0]
+        z = tracks.lasting.turned(rotation).without(z, slips.amount)
     information = information / scale**2
     e = z - x_joint
     information *= weight(squared_length(information, e), dof, 3)[:, None, :]

@@ -76,6 +76,7 @@ def problem_of_path(
         name=name,
         points=tracks,
         keyframes=select_keyframes(path[new], new, config.max_frames),
+        R_world=np.tile(np.eye(3), (seen.size, 1, 1)),
         guesses=guesses_from_path(path, seen),
         noise=Noise(noise_known, max(noise, 1e-3), max(noise, float(noise_known)), systematic),
         centroid_world=path[known[0]],

@@ -14,13 +14,13 @@ from numpy.typing import NDArray
 from akm_fg.errors import TracksLost
 from akm_fg.estimation.config import FitConfig
 from akm_fg.estimation.given.guesses import drawer_along, guesses_from_motion
+from akm_fg.estimation.given.lasting_modes import lasting_tracks, observations_of
 from akm_fg.estimation.given.path import select_keyframes
 from akm_fg.estimation.sources.source import Given, LateSource, Part, Source
 from akm_fg.estimation.sources.tracks import T_OVER_NORMAL, TrackSource
 from akm_fg.geometry.joint_guess import JointGuess
 from akm_fg.geometry.rigid_motion import MIN_POINTS, RigidMotion, free_rigid_motion
 from akm_fg.records import FloatArray, PointTracks
-from factors.measurements.track_cost import TrackObservations
 from factors.motion_information import MotionInformation, latent_points, motion_information
 
 # Pose logs come without a noise level: observations are whitened by these and scaled by the fit.
@@ -135,6 +135,7 @@ def problem_of_tracks(
         name=name,
         points=tracks.select(motion.inlier),
         keyframes=keyframes,
+        R_world=motion.R_world,
         guesses=guesses_from_motion(motion),
         noise=Noise(
             noise_known, T_OVER_NORMAL * motion.scale, max(motion.scale, float(noise_known))
@@ -186,6 +187,7 @@ def problem_of_surface(
         name=name,
         points=tracks,
         keyframes=select_keyframes(path, frames, config.max_frames),
+        R_world=R,
         guesses=[guess, drawer_along(path)],
         noise=Noise(True, T_OVER_NORMAL * scale, scale),
         centroid_world=centroid_world,
@@ -210,6 +212,7 @@ def assembled(
     name: str,
     points: PointTracks,
     keyframes: NDArray[np.int_],
+    R_world: FloatArray,
     guesses: list[JointGuess],
     noise: Noise,
     centroid_world: FloatArray,
@@ -218,15 +221,16 @@ def assembled(
     tracks_rejected: int,
     config: FitConfig,
 ) -> FitProblem:
-    """The problem over its keyframes, with its tracks as the first source."""
+    """The problem over its keyframes, with its tracks as the first source.
+
+    `R_world` (T, 3, 3): how the part has turned, roughly.
+    """
     k = keyframes
     members = np.flatnonzero(points.observed[k].any(axis=0))
     points = points.select(members)
-    seen = points
-    if k.size < points.p_world.shape[0]:
-        seen = PointTracks(points.p_world[k], points.cov_world[k])
+    seen = points if k.size == points.p_world.shape[0] else points.at(k)
     tracks = TrackSource(
-        TrackObservations.from_points(seen.p_world, seen.cov_world),
+        observations_of(seen, lasting_tracks(seen, R_world[k])),
         noise.known,
         noise.first_scale,
         config,

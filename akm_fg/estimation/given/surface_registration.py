@@ -97,7 +97,7 @@ class SurfaceToRegister(LateSource):
         # Nothing moved, or it is the path of one point: there is no part to see.
         if problem.motions is None or problem.marker or not first.moved:
             return None
-        return (yield from register(problem, first, self.surface))
+        return (yield from register(problem, first, self.surface, problem.config.surface.keyframes))
 
 
 def spread_by_state(q: FloatArray, count: int) -> NDArray[np.int_]:
@@ -111,7 +111,7 @@ def spread_by_state(q: FloatArray, count: int) -> NDArray[np.int_]:
 
 
 def register(
-    problem: FitProblem, first: FirstFit, surface: Surface
+    problem: FitProblem, first: FirstFit, surface: Surface, keyframes: int
 ) -> Steps[tuple[FitProblem, FirstFit] | None]:
     """Associate the surface with a joint, and refine both in turn.
 
@@ -119,14 +119,14 @@ def register(
         problem: with its tracks, if any.
         first: the joint that explains them best, over the graph's frames, and their noise.
         surface: of the part.
+        keyframes: at most so many.
 
     Returns:
         The problem with the surface as a source and the motions of the joint that explains tracks
         and patches best, and that joint; None where the surface is not seen again in enough places.
     """
     config, guess = problem.config.surface, first.guess
-    count = config.keyframes if problem.tracks.any else config.keyframes_alone
-    chosen = spread_by_state(guess.q, count)
+    chosen = spread_by_state(guess.q, keyframes)
     views = yield from surface.views(
         problem.keyframes[chosen].tolist(), *_motion_of_all_frames(problem, guess)
     )
@@ -173,7 +173,7 @@ def register(
         if kept.size < 2:
             return None
         first = replace(first, guess=guess.restricted(kept), state_sd=first.state_sd[kept])
-        return (yield from register(given.restricted(kept), first, surface))
+        return (yield from register(given.restricted(kept), first, surface, keyframes))
     level = first.scales[problem.tracks.name]
     tracks = replace(problem.tracks, first_scale=level, x_world=motions.x_world)
     problem = replace(problem, motions=motions).with_source(tracks).with_source(source)

@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from akm_fg.estimation.config import FitConfig
+from akm_fg.estimation.given.lasting_modes import observations_of
 from akm_fg.estimation.one_kind.laplace import KindFit
 from akm_fg.geometry.rigid_motion import MIN_POINTS
 from akm_fg.records import FloatArray, PointTracks
@@ -41,9 +42,11 @@ def states_of_all_frames(
     others = np.flatnonzero(seen)
     if others.size == 0 or fit.joint is None:
         return mean, sd
-    tracks = TrackObservations.from_points(points.p_world[others], points.cov_world[others])
+    slips = fit.tracks.slips
+    none = np.zeros(0, dtype=int)
+    which = none if slips is None else slips.tracks
+    tracks, inside = (observations_of(points.at(f), which) for f in (others, keyframes))
     q, information = solved_states(fit, tracks, np.interp(others, keyframes, fit.q), config)
-    inside = TrackObservations.from_points(points.p_world[keyframes], points.cov_world[keyframes])
     model = model_variance(fit, inside, config)
     mean[others], sd[others] = q, state_sd_beside(fit, q, information, model)
     return mean, sd
@@ -103,4 +106,4 @@ def _state_step(
     fit: KindFit, tracks: TrackObservations, q: FloatArray, config: FitConfig
 ) -> tuple[FloatArray, FloatArray]:
     said = fit.tracks
-    return state_step(fit.moving, q, said.x_joint, tracks, config.dof, said.scale)
+    return state_step(fit.moving, q, said.x_joint, tracks, config.dof, said.scale, said.slips)

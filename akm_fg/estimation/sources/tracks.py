@@ -17,6 +17,7 @@ from akm_fg.records import BoolArray, FloatArray
 from factors.joint_variables import JointVariables
 from factors.measurements.point_track import point_key, point_track_factor
 from factors.measurements.track_cost import (
+    Slips,
     TrackCost,
     TrackObservations,
     rough_track_cost,
@@ -44,6 +45,7 @@ class TrackContribution(Contribution):
     d2: FloatArray  # (T, N) squared errors in units of the *given* covariances
     residual_joint: FloatArray  # (T, N, 3) metres, in the joint's axes
     x_joint: FloatArray  # (3, N) latent reference points, joint frame
+    slips: Slips | None  # what is off alike in all frames
     scale: float  # of the noise: factor on the given standard deviations
     freedom: float  # share of the observations' numbers left after the fit
 
@@ -89,14 +91,7 @@ class TrackSource(Source):
 
     def restricted(self, frames: NDArray[np.int_]) -> TrackSource:
         """Over some of the graph's frames."""
-        seen = self.observations
-        kept = TrackObservations(
-            seen.p_world[frames],
-            seen.information_world[frames],
-            seen.observed[frames],
-            seen.log_det_cov,
-        )
-        return replace(self, observations=kept)
+        return replace(self, observations=self.observations.at(frames))
 
     def of(self, members: NDArray[np.int_]) -> TrackSource:
         """With some of its tracks (indices); what their covariances add to all kinds stays."""
@@ -138,9 +133,12 @@ class TrackSource(Source):
 
     @property
     def numbers(self) -> tuple[int, int]:
-        """Observed numbers, and those of the latent points."""
+        """Observed numbers, and those of the latent points and of what lasts."""
         observed = self.observations.observed
-        return 3 * int(observed.sum()), 3 * int(observed.any(axis=0).sum())
+        latent = 3 * int(observed.any(axis=0).sum())
+        if self.observations.lasting is not None:
+            latent += self.observations.lasting.tracks.size
+        return 3 * int(observed.sum()), latent
 
     @property
     def readings(self) -> float:
@@ -282,6 +280,7 @@ class TrackTerm(Term):
             d2=cost.d2 * scale**2,
             residual_joint=(cost.z_joint - cost.x_joint).swapaxes(1, 2),
             x_joint=cost.x_joint,
+            slips=cost.slips,
             scale=scale,
             freedom=freedom,
         )

@@ -114,5 +114,7 @@ def compare_kinds(snapshot: Snapshot, settings: StreamSettings) -> Steps[Compari
 def _own_variance(fit: KindFit, tracks: TrackObservations, dof: float) -> FloatArray:
     """Variance (K,) that the keyframes' own noise gives their states, by the graph."""
     said = fit.tracks
-    _, information = state_step(fit.moving, fit.q, said.x_joint, tracks, dof, said.scale)
+    _, information = state_step(
+        fit.moving, fit.q, said.x_joint, tracks, dof, said.scale, said.slips
+    )
     return fit.track_variance_ratio / information

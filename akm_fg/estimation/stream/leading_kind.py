@@ -147,7 +147,7 @@ def _of_fit(
 
 def _of_columns(fit: KindFit, kept: NDArray[np.bool_]) -> KindFit:
     """The fit with the latent points of some of its tracks."""
-    tracks = replace(fit.tracks, x_joint=fit.tracks.x_joint[:, kept])
+    tracks = replace(fit.tracks, x_joint=fit.tracks.x_joint[:, kept], slips=None)
     return replace(fit, said={**fit.said, TRACKS: tracks})
 
 

@@ -80,6 +80,7 @@ class _Found:
     uv: FloatArray  # (N, 2)
     shape: FloatArray  # (N, 2, 2)
     cov: FloatArray  # (N, 2, 2) relative to the anchor
+    lasting: FloatArray  # (N, 2, 2) of that, what the prediction brought
     fits: BoolArray  # (N,)
 
 
@@ -152,14 +153,14 @@ class FlowSession:
         """Points of the last frame, with what comes on top of their covariances.
 
         A floor in every direction; and, as the direction of an edge is known only so well, what
-        has slipped along one may be off across it, too.
+        has slipped along one may be off across it, too: for as long as it has slipped.
         """
         s, c = self._points, self._config
         assert s is not None
-        cov = s.cov[rows] + s.anchor_cov[rows]
-        along = eigenvalues(cov)[:, 1]
-        every = c.floor_sigma_px**2 + c.edge_bend_rad**2 * along
-        return SeenPixels(s.index[rows], s.uv[rows], cov + every[:, None, None] * np.eye(2))
+        cov, lasting = s.cov[rows] + s.anchor_cov[rows], s.lasting[rows]
+        bent = c.edge_bend_rad**2 * eigenvalues(cov)[:, 1, None, None] * np.eye(2)
+        floor = c.floor_sigma_px**2 * np.eye(2)
+        return SeenPixels(s.index[rows], s.uv[rows], cov + bent + floor, lasting + bent)
 
     def _prepared(self, frame: RgbdFrame) -> _Image:
         gray = np.asarray(cv2.cvtColor(frame.rgb, cv2.COLOR_RGB2GRAY), dtype=np.uint8)
@@ -185,7 +186,7 @@ class FlowSession:
             again = self._matched(
                 s, anew, predicted[anew], flat, step_cov[anew], least[anew], image
             )
-            for name in ("uv", "shape", "cov", "fits"):
+            for name in ("uv", "shape", "cov", "lasting", "fits"):
                 getattr(found, name)[anew] = getattr(again, name)
         self._accept(s, found, image.frame)
 
@@ -224,7 +225,9 @@ class FlowSession:
         stretch = singular_values(m.shape)
         fits = (m.correlation > least_correlation) & (shift < c.max_shift_px)
         fits &= (stretch[:, 1] > 1 / c.max_stretch) & (stretch[:, 0] < c.max_stretch)
-        return _Found(m.uv, m.shape, m.cov_px2, fits)
+        # Prediction and patch weigh by their informations: the error is the sum of C I e of both.
+        lasting = m.cov_px2 @ inverses(prior) @ m.cov_px2
+        return _Found(m.uv, m.shape, m.cov_px2, lasting, fits)
 
     def _anchor_anew(self, s: TrackedPoints, index: NDArray[np.int_], before: _Image) -> None:
         """Take the patches of the last frame as the points' templates.
@@ -248,6 +251,7 @@ class FlowSession:
         sure = (variance[:, 0] < c.max_sigma_px**2) & (variance[:, 1] < c.max_slip_px**2)
         good = found.fits & (known >= c.min_known) & ~jumped & _inside(frame, found.uv) & sure
         s.uv[good], s.shape[good], s.cov[good] = found.uv[good], found.shape[good], found.cov[good]
+        s.lasting[good] = found.lasting[good] + s.anchor_cov[good]
         s.depth_m[good] = np.where(np.isfinite(depth_m[good]), depth_m[good], s.depth_m[good])
         s.missed = np.where(good, 0, s.missed + 1)
 

@@ -9,17 +9,20 @@ surface, so pixel noise moves the point along it; depth noise moves it along the
 
     p(u, v) = z(u, v) ((u - cx) / fx, (v - cy) / fy, 1)
     cov_cam = J cov_px2 J^T + sigma_z^2 r r^T,   J = (p_u, p_v), r = p / z
+
+What a point may be off because its patch shows what lies nearer or farther lasts: see `relief`.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
 from akm_fg.geometry.batches import solutions
 from akm_fg.interfaces import SeenPixels
 from akm_fg.perception.depth.depth_noise import DepthNoiseModel
+from akm_fg.perception.tracking.relief import ReliefConfig, relief_m
 from akm_fg.perception.tracking.track_store import SeenPoints
 from akm_fg.records import BoolArray, FloatArray, RgbdFrame
 
@@ -33,6 +36,7 @@ class LiftingConfig:
     gate_sigmas: float = 3.5  # of one reading, around the plane
     gate_m: float = 0.004  # on top: handles and mouldings are not planes
     max_slope: float = 5.0  # tangent of the angle between ray and normal; 79 deg, then depth jumps
+    relief: ReliefConfig = field(default_factory=ReliefConfig)
 
 
 @dataclass(frozen=True, slots=True)
@@ -124,29 +128,48 @@ def lift(
     config = config or LiftingConfig()
     local = local_depth(frame, seen.uv, noise, config)
     p_cam = frame.camera.back_project(seen.uv, local.depth_m)
-    cov_cam = _covariance(frame, p_cam, local, seen.cov_px2, noise, config)
+    J_cam_uv = _by_pixel(frame, p_cam, local)
+    cov_cam = _on_surface(J_cam_uv, seen.cov_px2) + _along_ray(frame, p_cam, noise, config)
     R = frame.T_world_cam.rotation().matrix()
     p_world = p_cam @ R.T + frame.T_world_cam.translation()
-    return SeenPoints(seen, p_world, R @ cov_cam @ R.T)
+    side_px, r = 2 * config.radius_px + 1, config.radius_px
+    readings = noise.independent_samples(side_px) * r * (r + 1) / 3  # times their variance, px^2
+    relief = relief_m(
+        frame, seen.uv, local.depth_m, local.slope_m_per_px, readings**-0.5, noise, config.relief
+    )
+    relief_cam = relief[:, None] * p_cam / p_cam[:, 2:]
+    slip = None
+    if seen.lasting_px2 is not None:
+        slip = (J_cam_uv @ _longest(seen.lasting_px2)[..., None])[..., 0] @ R.T
+    return SeenPoints(seen, p_world, R @ cov_cam @ R.T, slip, relief_cam @ R.T)
 
 
-def _covariance(
-    frame: RgbdFrame,
-    p_cam: FloatArray,
-    local: LocalDepth,
-    cov_px2: FloatArray,
-    noise: DepthNoiseModel,
-    config: LiftingConfig,
-) -> FloatArray:
-    """(N, 3, 3) in the camera frame; see the module's formula."""
-    fx, fy = frame.camera.fx, frame.camera.fy
+def _longest(cov_px2: FloatArray) -> FloatArray:
+    """(N, 2) the longest axis of covariances, its length a standard deviation: along an edge."""
+    variance, axes = np.linalg.eigh(cov_px2)
+    return np.asarray(axes[..., -1] * np.sqrt(np.maximum(variance[..., -1:], 0.0)))
+
+
+def _by_pixel(frame: RgbdFrame, p_cam: FloatArray, local: LocalDepth) -> FloatArray:
+    """(N, 3, 2) how points on the surface move with their pixels."""
     z = local.depth_m
-    J_cam_z = p_cam / z[:, None]
-    J_cam_uv = J_cam_z[:, :, None] * local.slope_m_per_px[:, None, :]
-    J_cam_uv[:, 0, 0] += z / fx
-    J_cam_uv[:, 1, 1] += z / fy
+    J_cam_uv = (p_cam / z[:, None])[:, :, None] * local.slope_m_per_px[:, None, :]
+    J_cam_uv[:, 0, 0] += z / frame.camera.fx
+    J_cam_uv[:, 1, 1] += z / frame.camera.fy
+    return np.asarray(J_cam_uv)
+
+
+def _on_surface(J_cam_uv: FloatArray, cov_px2: FloatArray) -> FloatArray:
+    """(N, 3, 3) in the camera frame, of what pixels (N, 2, 2) are off."""
+    return np.asarray(J_cam_uv @ cov_px2 @ J_cam_uv.transpose(0, 2, 1))
+
+
+def _along_ray(
+    frame: RgbdFrame, p_cam: FloatArray, noise: DepthNoiseModel, config: LiftingConfig
+) -> FloatArray:
+    """(N, 3, 3) in the camera frame, of what the depth is off."""
+    z = p_cam[:, 2]
     samples = noise.independent_samples(2 * config.radius_px + 1)
-    var_z = noise.sigma_m(z, fx) ** 2 / samples + noise.floor_m**2
-    cov = J_cam_uv @ cov_px2 @ J_cam_uv.transpose(0, 2, 1)
-    cov += np.einsum("n,ni,nk->nik", var_z, J_cam_z, J_cam_z)
-    return cov
+    var_z = noise.sigma_m(z, frame.camera.fx) ** 2 / samples + noise.floor_m**2
+    ray = p_cam / z[:, None]
+    return np.asarray(np.einsum("n,ni,nk->nik", var_z, ray, ray))

@@ -20,6 +20,7 @@ class TrackedPoints:
     shape: FloatArray  # (N, 2, 2) relative to the anchor
     cov: FloatArray  # (N, 2, 2) of uv relative to the anchor, px^2
     anchor_cov: FloatArray  # (N, 2, 2) of the anchor relative to the query, px^2
+    lasting: FloatArray  # (N, 2, 2) of both, what came from the frames before, px^2
     depth_m: FloatArray  # (N,) when last seen
     missed: NDArray[np.int_]  # (N,) frames since it was last seen
     templates: Templates
@@ -36,6 +37,7 @@ class TrackedPoints:
             shape=np.tile(np.eye(2), (n, 1, 1)),
             cov=np.zeros((n, 2, 2)),
             anchor_cov=np.zeros((n, 2, 2)),
+            lasting=np.zeros((n, 2, 2)),
             depth_m=depth_m,
             missed=np.zeros(n, dtype=int),
             templates=templates,

@@ -51,7 +51,7 @@ def _with(problem, **settings):
 def _registered(problem, guess, surface):
     known = {TRACKS: problem.tracks.first_scale, SURFACE: 1.0}
     first = FirstFit(guess, np.zeros(guess.q.size), known, 1.0)
-    problem, first = to_end(register(problem, first, surface))
+    problem, first = to_end(register(problem, first, surface, problem.config.surface.keyframes))
     return problem, first.guess
 
 

@@ -145,10 +145,19 @@ def test_readings_that_are_not_seen_do_not_count():
 def _registered(problem, guess, surface, as_one=1.0):
     """The problem with the surface, and the joint that it leads to; None where it does not."""
     known = {TRACKS: problem.tracks.first_scale, SURFACE: 1.0}
-    found = to_end(
-        register(problem, FirstFit(guess, np.zeros(guess.q.size), known, as_one), surface)
-    )
+    first = FirstFit(guess, np.zeros(guess.q.size), known, as_one)
+    found = to_end(register(problem, first, surface, problem.config.surface.keyframes_alone))
     return None if found is None else (found[0], found[1].guess)
+
+
+def test_where_the_surface_leads_a_few_tracks_cost_no_keyframes(opening, surface_of):
+    """A plain door's edges: four of them take nothing from the ten frames that it is read in."""
+    truth = opening(4, "revolute", points=4)
+    surface, guess = surface_of(truth), _guess(truth, 0.002)
+    centroid = truth.rest_world.mean(axis=0)
+    led = fit_surface(surface, guess, centroid, truth.tracks, config=EXACT)
+    assert led.fit.tracks_used == 4
+    assert len(led.fit.keyframes_registered) == 10
 
 
 @pytest.fixture(scope="module", params=["revolute", "prismatic"])

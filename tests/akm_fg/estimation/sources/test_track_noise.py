@@ -45,6 +45,7 @@ def said(residual: np.ndarray, x_joint: np.ndarray | None = None) -> TrackContri
         observed=np.ones((T, N), bool),
         d2=(residual**2).sum(axis=-1),
         residual_joint=0.001 * residual,
+        slips=None,
         x_joint=x,
         scale=1.0,
         freedom=1.0,

@@ -118,6 +118,39 @@ def test_a_lifted_edge_point_is_vague_along_the_edge_in_space(followed) -> None:
     assert (np.sqrt(cov @ across @ across) < 0.4 * np.sqrt(cov @ along @ along)).all()
 
 
+def _seen_on(stairs: bool) -> tuple[SeenPixels, SeenPixels]:
+    """What the first and the fourth frame show of three points on the edge and one on the spot."""
+    session, frames = FlowTracker().begin(), _clip(stairs)
+    session.advance(frames[0])
+    uv = np.rint(np.vstack([ON_EDGE + np.linspace(-8.0, 8.0, 3)[:, None] * ALONG, ON_SPOT]))
+    first = session.follow(uv)
+    for frame in frames[1:4]:
+        last = session.advance(frame)
+    return first, last
+
+
+@pytest.mark.parametrize("stairs", [False, True], ids=["smooth", "stairs"])
+def test_a_slip_along_an_edge_lasts_and_a_patch_that_is_found_brings_nothing(stairs: bool) -> None:
+    first, last = _seen_on(stairs)
+    assert first.lasting_px2 is not None and not first.lasting_px2.any()
+    assert last.lasting_px2 is not None and last.index.tolist() == [0, 1, 2, 3]
+    np.linalg.cholesky(last.cov_px2 - last.lasting_px2)  # it is a part of all that may be off
+    share = last.lasting_px2 @ ALONG @ ALONG / (last.cov_px2 @ ALONG @ ALONG)
+    assert (share[:3] > 0.8).all()
+    assert np.linalg.eigvalsh(last.lasting_px2[3]).max() < 0.02  # a seventh of a pixel
+
+
+def test_what_points_bring_is_known_of_all_or_of_none() -> None:
+    one = np.ones((1, 2, 2))
+    known, unknown = SeenPixels(np.arange(1), one[0, :1], one, one), SeenPixels.none()
+    joined = unknown.joined(known)
+    assert joined.lasting_px2 is not None
+    np.testing.assert_array_equal(joined.lasting_px2, one)
+    assert joined.joined(replace(known, lasting_px2=None)).lasting_px2 is None
+    with pytest.raises(ValueError, match="1 points, but lasting_px2"):
+        replace(known, lasting_px2=np.ones((2, 2, 2)))
+
+
 def test_noise_alone_has_no_information_and_is_measured() -> None:
     rng, config = np.random.default_rng(1), AffineMatchConfig()
     noisy = np.rint(120 + rng.normal(scale=NOISE_GRAY, size=(2, 120, 160, 3))).astype(np.uint8)

@@ -1,5 +1,7 @@
 """Pixels to points: exact on planes, honest about noise, silent at edges and holes."""
 
+from dataclasses import replace
+
 import gtsam
 import numpy as np
 import pytest
@@ -99,6 +101,57 @@ def test_lifted_points_have_honest_covariances(normal: tuple, depth_noise_image)
         nees.append(np.einsum("ni,nij,nj->n", e, np.linalg.inv(got.cov_world), e))
     assert np.isfinite(nees).all()
     assert 2.0 < np.mean(nees) < 3.6
+
+
+@pytest.mark.parametrize("normal", [(0.0, 0.0, 1.0), (0.6, 0.0, 0.8)])
+def test_texture_on_a_plane_has_no_relief(normal: tuple, depth_noise_image) -> None:
+    """Readings within the gate of noise and mouldings are the plane's; few others are left."""
+    rng = np.random.default_rng(0)
+    clean = plane_depth(pixel_grid(), normal)
+    frame = frame_of(clean + depth_noise_image(rng, clean, CAMERA.fx))
+    rgb = rng.integers(0, 255, frame.rgb.shape, dtype=np.uint8)
+    got = lift(seen_at(queries(), 0.3), replace(frame, rgb=rgb), NOISE)
+    assert np.mean(np.linalg.norm(got.relief_world, axis=1) > 0) < 0.01
+
+
+def test_what_a_patch_shows_before_its_plane_lasts_along_the_ray() -> None:
+    """By hand: a post 6 cm before a plain door a metre away, and all edges that there are on it."""
+    depth, rgb = np.ones((240, 320)), np.full((240, 320, 3), 128, np.uint8)
+    depth[100:140, 164:172], rgb[100:140, 165:171] = 0.94, 200
+    uv = np.array([[160.0, 120.0], [100.0, 120.0]])  # four pixels beside the post; far from it
+    got = lift(seen_at(uv, 0.3), replace(frame_of(depth), rgb=rgb), NOISE)
+    rays = CAMERA.back_project(uv, np.ones(2)) @ T_WORLD_CAM.rotation().matrix().T
+    np.testing.assert_allclose(got.relief_world[0], 0.06 * rays[0], rtol=0.02)
+    np.testing.assert_array_equal(got.relief_world[1], 0.0)
+    store = TrackStore()
+    store.add(got)
+    np.testing.assert_array_equal(store.point_tracks().lasting.relief_world[0], got.relief_world)
+
+
+def test_what_a_tracker_brings_along_is_lifted_onto_the_surface() -> None:
+    seen = seen_at(queries(20), 0.5)
+    along = np.array([0.4, 0.3])
+    lasting = np.outer(along, along) + 1e-4 * np.eye(2)
+    frame = frame_of(plane_depth(pixel_grid(), (0.6, 0.2, 0.77)))
+    got = lift(replace(seen, lasting_px2=np.tile(lasting, (20, 1, 1))), frame, NOISE)
+    moved = lift(replace(seen, uv=seen.uv + along), frame, NOISE)
+    way = moved.p_world - got.p_world
+    sign = np.sign((way * got.slip_world).sum(axis=1))[:, None]
+    np.testing.assert_allclose(got.slip_world, sign * way, atol=3e-3 * np.abs(way).max())
+
+
+def test_a_slip_keeps_its_sign_from_frame_to_frame() -> None:
+    frame = frame_of(plane_depth(pixel_grid(), (0.0, 0.0, 1.0)))
+    store, seen = TrackStore(), seen_at(queries(1), 0.5)
+    for turn in np.deg2rad([0.0, 40.0, 80.0, 120.0, 160.0]):
+        along = 0.4 * np.array([np.cos(turn), np.sin(turn)])
+        lasting = np.outer(along, along)[None] + 1e-6 * np.eye(2)
+        store.add(lift(replace(seen, lasting_px2=lasting), frame, NOISE))
+    store.add(lift(seen, frame, NOISE))  # of this nothing is known
+    slip = store.point_tracks().lasting.slip_world[:, 0]
+    assert ((slip[:4] * slip[1:5]).sum(axis=1) > 0).all()
+    assert (slip[0] * slip[4]).sum() < 0
+    assert not slip[5].any()
 
 
 def test_lost_tracks_stay_lost_and_lengths_must_agree() -> None:
