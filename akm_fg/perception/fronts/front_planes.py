@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from akm_fg.perception.depth.depth_noise import DepthNoiseModel
 from akm_fg.perception.depth.depth_planes import DepthPlanesConfig, depth_planes
 from akm_fg.perception.fronts.front_records import FrontFrame
+from akm_fg.perception.fronts.sides import turn_of_sides
 from akm_fg.records import BoolArray, FloatArray, RgbdFrame
 
 UP_WORLD = np.array([0.0, 0.0, 1.0])
@@ -188,13 +189,15 @@ def _seen_plane(
         mask[rim] = np.abs(cloud.p_world[rim] @ normal - offset) < near
     middle = p.mean(axis=0)
     origin = middle - (normal @ middle - offset) * normal
-    return SeenPlane(FrontFrame(origin, _axes(p, normal, origin, cloud.eye_world)), mask)
+    inner = cv2.erode(mask.astype(np.uint8), np.ones((3, 3), np.uint8)) > 0
+    outline = cloud.p_world[mask & ~inner & cloud.known]
+    return SeenPlane(FrontFrame(origin, _axes(outline, normal, origin, cloud.eye_world)), mask)
 
 
 def _axes(
-    p: FloatArray, normal: FloatArray, origin: FloatArray, eye_world: FloatArray
+    outline: FloatArray, normal: FloatArray, origin: FloatArray, eye_world: FloatArray
 ) -> FloatArray:
-    """(3, 3) columns: along the sides of the rectangle around the points, and the normal.
+    """(3, 3) columns: along the sides of what has this outline (N, 3), and the normal.
 
     Furniture is rectangular, but need not stand level. x is the side nearest to the horizontal; on
     a lying plane, nearest to what is sideways for who stands where the camera is.
@@ -204,11 +207,7 @@ def _axes(
     y = upwards - (upwards @ normal) * normal
     y /= np.linalg.norm(y)
     x = np.cross(y, normal)
-    flat = np.column_stack([(p - origin) @ x, (p - origin) @ y]).astype(np.float32)
-    box = cv2.boxPoints(cv2.minAreaRect(flat))
-    side = np.asarray(box[1] - box[0], dtype=float)
-    angle = np.arctan2(side[1], side[0])
-    angle -= np.round(angle / (np.pi / 2)) * np.pi / 2  # the side within 45 deg of x
+    angle = turn_of_sides((outline - origin) @ np.column_stack([x, y]))
     turned = np.cos(angle) * x + np.sin(angle) * y
     return np.column_stack([turned, np.cross(normal, turned), normal])
 
