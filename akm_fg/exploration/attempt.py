@@ -15,6 +15,7 @@ import numpy as np
 
 from akm_fg.errors import GraspFailed, InsufficientData, MotionInfeasible
 from akm_fg.exploration.config import ExploreConfig
+from akm_fg.exploration.filled import filled
 from akm_fg.exploration.foresight import Pulled, bounds_of, foreseen
 from akm_fg.exploration.mobile_points import mobile_tracks, part_points
 from akm_fg.exploration.processor_time import taking
@@ -87,12 +88,26 @@ class Trier:
         config: ExploreConfig,
         feel_m: float = 0.0,
         other_way: Callable[[Sequence[Hypothesis]], Hypothesis | None] = lambda rigid: None,
+        before: RgbdFrame | None = None,
     ) -> None:
+        """Nothing moves yet.
+
+        Args:
+            arm: holds and pulls.
+            camera: watches.
+            stream: solves.
+            tried: is filled.
+            observer: is told.
+            config: of the exploration.
+            feel_m: how far a grasp's depth may be off.
+            other_way: another way to pull what is held and rigid.
+            before: shows what the arm hides now and what has not moved since; None: nothing does.
+        """
         self._arm, self._camera, self._stream, self._feel_m = arm, camera, stream, feel_m
         self._other_way = other_way
         self._tried, self._observer, self._config = tried, observer, config
         self._tick_s, self._time_s = config.pull.tick_s, tried.attempt.time_s
-        self._travel_m = 0.0
+        self._travel_m, self._before = 0.0, before
 
     def run(self, grasps: Sequence[gtsam.Pose3]) -> None:
         """The attempt, from a first look to its outcome.
@@ -167,7 +182,8 @@ class Trier:
         for number in range(pull.most_stretches):
             advanced = self._stretch(direction, pull.stretch_m)
             if not self._arm.holding():
-                if self._solve() is None or not self._hold_again():
+                self._solve()
+                if not self._hold_again("the grip was lost"):
                     raise GraspFailed(f"the grip was lost after {_cm(self._travel_m)}")
                 direction = self._tangent(advanced)
                 continue
@@ -177,9 +193,15 @@ class Trier:
             stretch = self._solve()
             if stretch is None:
                 if self._travel_m > (pull.unseen_m if gave else pull.slipped_m):
-                    raise GraspFailed(
-                        f"the hand went {_cm(self._travel_m)} and nothing was seen to move"
-                    )
+                    if not self._hold_again("nothing is seen to move behind the arm"):
+                        if self._opened_already():
+                            self._end("opened", "let go, and seen from aside")
+                            return None
+                        raise GraspFailed(
+                            f"the hand went {_cm(self._travel_m)} and nothing was seen to move"
+                        )
+                    direction = self._tangent(advanced)
+                    continue
                 if not gave:
                     return f"gave {_mm(self._travel_m)} in all"
                 continue
@@ -211,6 +233,9 @@ class Trier:
         self._end("rigid", "the moving tracks did not go far enough")
 
     def _ended_early(self, why: str) -> None:
+        stretches = self._tried.attempt.stretches
+        if not self._opened_already() and stretches and stretches[-1].state is None:
+            self._from_aside("it is not seen how far the part has moved")
         if self._opened_already():
             self._end("opened", why)
         else:
@@ -271,7 +296,10 @@ class Trier:
 
     def _look(self) -> None:
         with taking(self._time_s, "camera"):
-            frame = as_stored(self._camera.capture())
+            frame = self._camera.capture()
+            if self._before is not None:  # from then on it is the past
+                frame, self._before = filled(frame, self._before), None
+            frame = as_stored(frame)
             look = Look(frame, self._arm.T_world_gripper(), self._arm.holding())
         looks = self._tried.looks
         if looks and frame.stamp_s <= looks[-1].frame.stamp_s:
@@ -342,24 +370,30 @@ class Trier:
             along = -along
         return np.asarray(along)
 
-    def _hold_again(self) -> bool:
-        """Take hold anew of the part where it is now; False where that is not to be had."""
-        attempt, joint = self._tried.attempt, self._joint()
-        if attempt.regrasps >= self._config.pull.most_regrasps or joint is None:
-            return False
-        if attempt.T_world_grasp is None or self._opened_already():
-            return False
-        attempt.regrasps += 1
-        self._observer.stage("the grip was lost; taking hold again")
+    def _from_aside(self, why: str) -> Stretch | None:
+        """Let go, look from where the arm hides little, and solve."""
+        self._observer.stage(f"{why}; looking from aside")
         with taking(self._time_s, "reach"):
             for _ in self._arm.step_aside(self._tried.looks[-1].frame, self._tick_s):
                 pass
         self._look()
         self._arm.see(self._tried.looks[-1].frame)
-        stretch = self._solve()
-        joint = self._joint()
-        if stretch is None or stretch.state is None or joint is None:
+        return self._solve()
+
+    def _hold_again(self, why: str) -> bool:
+        """Take hold anew of the part where it is seen now; False where that is not to be had.
+
+        An arm before a front may hide all of it while it moves: from aside it is seen.
+        """
+        attempt = self._tried.attempt
+        if attempt.regrasps >= self._config.pull.most_regrasps:
             return False
+        if attempt.T_world_grasp is None or self._opened_already():
+            return False
+        stretch, joint = self._from_aside(why), self._joint()
+        if stretch is None or stretch.state is None or joint is None or self._opened_already():
+            return False
+        attempt.regrasps += 1
         R, t = joint.joint.motion(np.array([stretch.state]))
         T_world_now = gtsam.Pose3(gtsam.Rot3(R[0]), t[0]) * attempt.T_world_grasp
         try:

@@ -111,12 +111,14 @@ def _contact(contact: Contact) -> dict[str, Any]:
         "front": contact.front,
         "prior": contact.prior,
         "what": contact.what,
+        "on_front": contact.on_front,
     }
 
 
 def _contact_from(row: dict[str, Any]) -> Contact:
     arrays = {key: np.array(row[key], dtype=float) for key in ("p_world", "uv", "normal_world")}
-    return Contact(**arrays, front=int(row["front"]), prior=float(row["prior"]), what=row["what"])
+    numbers = {"prior": float(row["prior"]), "on_front": float(row.get("on_front", 1.0))}
+    return Contact(**arrays, front=int(row["front"]), what=row["what"], **numbers)
 
 
 def _attempt(attempt: Attempt) -> dict[str, Any]:

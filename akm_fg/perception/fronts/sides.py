@@ -1,8 +1,9 @@
 """How a rectangular thing is turned in its plane, from the outline that is seen of it.
 
-Boards that stand over on different sides, as fronts without handles do, make an outline of steps.
-The smallest rectangle around it leans by several degrees; its edges still run along two directions:
-the turn is taken at which the outline falls onto the fewest lines.
+Boards that stand over on different sides, as fronts without handles do, make an outline of steps,
+and some of it is not seen. The smallest rectangle around what is left leans: by 1.5 to 7 degrees
+with four of five such doors of the kind in `furniture-dev`. Its edges still run along two
+directions: the turn is taken at which the outline falls onto the fewest lines.
 """
 
 from __future__ import annotations
