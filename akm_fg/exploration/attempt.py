@@ -24,7 +24,7 @@ from akm_fg.exploration.stopping import by_threshold, enough, moved_enough
 from akm_fg.interfaces import Arm, Camera
 from akm_fg.io.recording_depth import as_stored
 from akm_fg.planning.opening_path import plan_opening
-from akm_fg.posterior import JointPosterior
+from akm_fg.posterior import JointPosterior, StatePosterior
 from akm_fg.records import FloatArray, HandPath, Look, RgbdFrame
 from akm_fg.stages import RecordingFit
 from akm_fg.stream.seen_so_far import Hand
@@ -320,6 +320,9 @@ class Trier:
         best = fit.posterior.best
         if best.joint is None or best.states is None:
             return None
+        if self._beyond_hand_m(best.joint, best.states) > self._config.pull.slipped_m:
+            self._observer.stage("  what is seen to move is not what is held: it went too far")
+            return None
         self._tried.fit = fit
         state, sd = float(best.states.mean[-1]), float(best.states.sd[-1])
         seen = bool(np.isfinite(state))
@@ -338,6 +341,23 @@ class Trier:
         self._tried.attempt.stretches.append(stretch)
         self._observer.stretched(self._tried.attempt)
         return stretch
+
+    def _beyond_hand_m(self, joint: JointPosterior, states: StatePosterior) -> float:
+        """By how much more than the hand the held point must have gone, surely (3 sd).
+
+        A hand may slide along what it holds, but nothing that it holds goes farther than it does.
+        """
+        held = self._tried.attempt.T_world_grasp
+        seen = np.flatnonzero(np.isfinite(states.mean) & np.isfinite(states.sd))
+        if held is None or not len(seen):
+            return 0.0
+        state, sd = float(states.mean[seen[-1]]), float(states.sd[seen[-1]])
+        state = float(np.sign(state)) * max(abs(state) - 3.0 * sd, 0.0)
+        p = held.translation()
+        R, t = joint.joint.motion(np.array([state]))
+        hand = [look.T_world_gripper.translation() for look in self._tried.looks if look.holding]
+        went = max((float(np.linalg.norm(at - p)) for at in hand), default=0.0)
+        return float(np.linalg.norm(R[0] @ p + t[0] - p)) - went
 
     def _foreseen(self, fit: RecordingFit, joint: JointPosterior, state: float) -> Bounds:
         points = part_points(fit, self._tried.attempt.contact)

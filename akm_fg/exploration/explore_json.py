@@ -111,14 +111,19 @@ def _contact(contact: Contact) -> dict[str, Any]:
         "front": contact.front,
         "prior": contact.prior,
         "what": contact.what,
-        "on_front": contact.on_front,
+        "serves": contact.serves,
     }
 
 
 def _contact_from(row: dict[str, Any]) -> Contact:
     arrays = {key: np.array(row[key], dtype=float) for key in ("p_world", "uv", "normal_world")}
-    numbers = {"prior": float(row["prior"]), "on_front": float(row.get("on_front", 1.0))}
-    return Contact(**arrays, front=int(row["front"]), what=row["what"], **numbers)
+    return Contact(
+        **arrays,
+        front=int(row["front"]),
+        prior=float(row["prior"]),
+        what=row["what"],
+        serves=float(row.get("serves", 1.0)),
+    )
 
 
 def _attempt(attempt: Attempt) -> dict[str, Any]:

@@ -162,7 +162,7 @@ def with_priors(
         scale = np.exp(brentq(lambda x: closed(x) - wanted, low, high))
     priors = np.minimum(scale * weights, MOST_PRIOR)
     return tuple(
-        Contact(c.p_world, c.uv, c.normal_world, int(front), float(prior), c.what, c.on_front)
+        Contact(c.p_world, c.uv, c.normal_world, int(front), float(prior), c.what, c.serves)
         for c, front, prior in zip(candidates, fronts, priors, strict=True)
     )
 

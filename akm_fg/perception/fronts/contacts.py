@@ -49,6 +49,8 @@ class ContactConfig:
     long_edge_m: float = 0.45
     apart_m: float = 0.20  # between these places: less than a front is wide
     one_board: float = 0.5  # that such a place is on the same board as the others
+    # An edge gives a lever; one of a door's four is its hinge's, and nobody sees which.
+    lever: float = 0.8
     seen_within_m: float = 0.02  # a place is proposed where something was seen so near to it
     most: int = 60
 
@@ -161,7 +163,7 @@ def _of_front(
     for out in (np.array(side) for side in ((-1.0, 0.0), (1.0, 0.0), (0.0, -1.0), (0.0, 1.0))):
         along = np.abs(out[::-1])
         offsets = _along_edge(float(along @ front.extent_m), bare, config)
-        board = config.one_board if len(offsets) > 1 else 1.0
+        serves = config.lever * (config.one_board if len(offsets) > 1 else 1.0)
         for offset in offsets:
             edge = middle + half * out + offset * along
             place = np.append(edge - np.minimum(config.inset_m, half) * out, 0.0)
@@ -169,7 +171,7 @@ def _of_front(
             if at is not None:
                 prior = _edge_prior(front, edge, out, seen, config) * facing
                 yield ContactCandidate(
-                    at[0], at[1], index, front.normal_world, prior, "edge", on_front=board
+                    at[0], at[1], index, front.normal_world, prior, "edge", serves=serves
                 )
 
 

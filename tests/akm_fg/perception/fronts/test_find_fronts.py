@@ -112,13 +112,13 @@ def test_a_long_bare_edge_may_be_held_all_along_as_boards_side_by_side_look_like
     upper = [c for c in contacts if c.what == "edge" and c.normal_world[0] < -0.9]
     upper = [c for c in upper if c.p_world[2] > z]
     assert np.ptp([c.p_world[1] for c in upper]) > 0.3 and len(upper) >= 3
-    assert {c.on_front for c in upper} == {0.5}
+    assert {c.serves for c in upper} == {0.4}
 
 
 def test_edges_of_a_front_with_a_handle_are_held_in_their_middle_alone(chest, mask):
     contacts = contact_candidates(chest.frame(), mask)
     edges = [c for c in contacts if c.what == "edge" and c.normal_world[0] < -0.9]
-    assert edges and {c.on_front for c in edges} == {1.0}
+    assert edges and {c.serves for c in edges} == {0.8}
     for front in {c.front for c in edges}:
         assert sum(c.front == front for c in edges) <= 4
 
