@@ -193,16 +193,10 @@ class Trier:
             stretch = self._solve()
             if stretch is None:
                 if self._travel_m > (pull.unseen_m if gave else pull.slipped_m):
-                    if not self._hold_again("nothing is seen to move behind the arm"):
-                        if self._opened_already():
-                            self._end("opened", "let go, and seen from aside")
-                            return None
-                        raise GraspFailed(
-                            f"the hand went {_cm(self._travel_m)} and nothing was seen to move"
-                        )
+                    if not self._found_from_aside():
+                        return None
                     direction = self._tangent(advanced)
-                    continue
-                if not gave:
+                elif not gave:
                     return f"gave {_mm(self._travel_m)} in all"
                 continue
             reason = enough(self._tried.attempt.stretches, self._turns(), self._config.stopping)
@@ -215,6 +209,20 @@ class Trier:
             direction = self._tangent(advanced)
         self._ended_early(f"after {pull.most_stretches} stretches")
         return None
+
+    def _found_from_aside(self) -> bool:
+        """What went with the hand unseen is held again; False: it is seen to be open already.
+
+        Raises:
+            GraspFailed: from aside, too, nothing is seen to have moved, or it is not to be held.
+        """
+        open_before = self._opened_already()
+        if self._hold_again("nothing is seen to move behind the arm"):
+            return True
+        if self._opened_already() and not open_before:
+            self._end("opened", "let go, and seen from aside")
+            return False
+        raise GraspFailed(f"the hand went {_cm(self._travel_m)} and nothing was seen to move")
 
     def _gave(self, advanced: FloatArray) -> bool:
         return float(np.linalg.norm(advanced)) > self._config.pull.gave_m
