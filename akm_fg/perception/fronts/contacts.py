@@ -48,7 +48,7 @@ class ContactConfig:
     # by side may look like one. Two of the narrowest fronts that people build are as long.
     long_edge_m: float = 0.45
     apart_m: float = 0.20  # between these places: less than a front is wide
-    one_board: float = 0.5  # that such a place is on the same board as the others
+    one_board: float = 0.7  # that such a place is on the same board as the others
     # An edge gives a lever; one of a door's four is its hinge's, and nobody sees which.
     lever: float = 0.8
     seen_within_m: float = 0.02  # a place is proposed where something was seen so near to it

@@ -63,7 +63,7 @@ def test_after_a_rigid_pull_the_other_handle_of_a_merged_front_is_as_likely_as_b
 
 
 def test_after_a_rigid_pull_another_place_of_a_long_edge_is_tried_before_anything_less_likely():
-    seen = [replace(candidate(0, 0.3 * i, 0.4), serves=0.5) for i in range(3)]
+    seen = [replace(candidate(0, 0.3 * i, 0.4), serves=0.56) for i in range(3)]
     seen.append(candidate(1, 1.5, 0.02))
     belief = BayesBelief(with_priors(seen, np.array([c.prior for c in seen]), 0.95))
     tried = []
