@@ -154,6 +154,8 @@ class GraspSampler(Protocol):
         mask: BoolArray,
         p_world_contact: FloatArray,
         normal_world: FloatArray,
+        *,
+        at_edge: bool = False,
     ) -> tuple[GraspCandidate, ...]:
         """Grasps about a contact (3,), given the unit normal (3,) of the front it belongs to.
 
@@ -162,6 +164,8 @@ class GraspSampler(Protocol):
             mask: (H, W) the object.
             p_world_contact: on the surface that is seen.
             normal_world: out of the object.
+            at_edge: nothing sticks out there that fingers close around, as far as is known: it is
+                the edge of a board.
 
         Raises:
             ValueError: a mask of another size, or a contact or normal that is not finite.

@@ -15,6 +15,7 @@ import numpy as np
 
 from akm_fg.errors import GraspFailed, InsufficientData, MotionInfeasible
 from akm_fg.exploration.config import ExploreConfig
+from akm_fg.exploration.filled import filled
 from akm_fg.exploration.foresight import Pulled, bounds_of, foreseen
 from akm_fg.exploration.mobile_points import mobile_tracks, part_points
 from akm_fg.exploration.processor_time import taking
@@ -23,7 +24,7 @@ from akm_fg.exploration.stopping import by_threshold, enough, moved_enough
 from akm_fg.interfaces import Arm, Camera
 from akm_fg.io.recording_depth import as_stored
 from akm_fg.planning.opening_path import plan_opening
-from akm_fg.posterior import JointPosterior
+from akm_fg.posterior import JointPosterior, StatePosterior
 from akm_fg.records import FloatArray, HandPath, Look, RgbdFrame
 from akm_fg.stages import RecordingFit
 from akm_fg.stream.seen_so_far import Hand
@@ -87,12 +88,26 @@ class Trier:
         config: ExploreConfig,
         feel_m: float = 0.0,
         other_way: Callable[[Sequence[Hypothesis]], Hypothesis | None] = lambda rigid: None,
+        before: RgbdFrame | None = None,
     ) -> None:
+        """Nothing moves yet.
+
+        Args:
+            arm: holds and pulls.
+            camera: watches.
+            stream: solves.
+            tried: is filled.
+            observer: is told.
+            config: of the exploration.
+            feel_m: how far a grasp's depth may be off.
+            other_way: another way to pull what is held and rigid.
+            before: shows what the arm hides now and what has not moved since; None: nothing does.
+        """
         self._arm, self._camera, self._stream, self._feel_m = arm, camera, stream, feel_m
         self._other_way = other_way
         self._tried, self._observer, self._config = tried, observer, config
         self._tick_s, self._time_s = config.pull.tick_s, tried.attempt.time_s
-        self._travel_m = 0.0
+        self._travel_m, self._before = 0.0, before
 
     def run(self, grasps: Sequence[gtsam.Pose3]) -> None:
         """The attempt, from a first look to its outcome.
@@ -167,7 +182,8 @@ class Trier:
         for number in range(pull.most_stretches):
             advanced = self._stretch(direction, pull.stretch_m)
             if not self._arm.holding():
-                if self._solve() is None or not self._hold_again():
+                self._solve()
+                if not self._hold_again("the grip was lost"):
                     raise GraspFailed(f"the grip was lost after {_cm(self._travel_m)}")
                 direction = self._tangent(advanced)
                 continue
@@ -177,10 +193,10 @@ class Trier:
             stretch = self._solve()
             if stretch is None:
                 if self._travel_m > (pull.unseen_m if gave else pull.slipped_m):
-                    raise GraspFailed(
-                        f"the hand went {_cm(self._travel_m)} and nothing was seen to move"
-                    )
-                if not gave:
+                    if not self._found_from_aside():
+                        return None
+                    direction = self._tangent(advanced)
+                elif not gave:
                     return f"gave {_mm(self._travel_m)} in all"
                 continue
             reason = enough(self._tried.attempt.stretches, self._turns(), self._config.stopping)
@@ -193,6 +209,20 @@ class Trier:
             direction = self._tangent(advanced)
         self._ended_early(f"after {pull.most_stretches} stretches")
         return None
+
+    def _found_from_aside(self) -> bool:
+        """What went with the hand unseen is held again; False: it is seen to be open already.
+
+        Raises:
+            GraspFailed: from aside, too, nothing is seen to have moved, or it is not to be held.
+        """
+        open_before = self._opened_already()
+        if self._hold_again("nothing is seen to move behind the arm"):
+            return True
+        if self._opened_already() and not open_before:
+            self._end("opened", "let go, and seen from aside")
+            return False
+        raise GraspFailed(f"the hand went {_cm(self._travel_m)} and nothing was seen to move")
 
     def _gave(self, advanced: FloatArray) -> bool:
         return float(np.linalg.norm(advanced)) > self._config.pull.gave_m
@@ -211,6 +241,9 @@ class Trier:
         self._end("rigid", "the moving tracks did not go far enough")
 
     def _ended_early(self, why: str) -> None:
+        stretches = self._tried.attempt.stretches
+        if not self._opened_already() and stretches and stretches[-1].state is None:
+            self._from_aside("it is not seen how far the part has moved")
         if self._opened_already():
             self._end("opened", why)
         else:
@@ -271,7 +304,10 @@ class Trier:
 
     def _look(self) -> None:
         with taking(self._time_s, "camera"):
-            frame = as_stored(self._camera.capture())
+            frame = self._camera.capture()
+            if self._before is not None:  # from then on it is the past
+                frame, self._before = filled(frame, self._before), None
+            frame = as_stored(frame)
             look = Look(frame, self._arm.T_world_gripper(), self._arm.holding())
         looks = self._tried.looks
         if looks and frame.stamp_s <= looks[-1].frame.stamp_s:
@@ -292,6 +328,9 @@ class Trier:
         best = fit.posterior.best
         if best.joint is None or best.states is None:
             return None
+        if self._beyond_hand_m(best.joint, best.states) > self._config.pull.slipped_m:
+            self._observer.stage("  what is seen to move is not what is held: it went too far")
+            return None
         self._tried.fit = fit
         state, sd = float(best.states.mean[-1]), float(best.states.sd[-1])
         seen = bool(np.isfinite(state))
@@ -310,6 +349,23 @@ class Trier:
         self._tried.attempt.stretches.append(stretch)
         self._observer.stretched(self._tried.attempt)
         return stretch
+
+    def _beyond_hand_m(self, joint: JointPosterior, states: StatePosterior) -> float:
+        """By how much more than the hand the held point must have gone, surely (3 sd).
+
+        A hand may slide along what it holds, but nothing that it holds goes farther than it does.
+        """
+        held = self._tried.attempt.T_world_grasp
+        seen = np.flatnonzero(np.isfinite(states.mean) & np.isfinite(states.sd))
+        if held is None or not len(seen):
+            return 0.0
+        state, sd = float(states.mean[seen[-1]]), float(states.sd[seen[-1]])
+        state = float(np.sign(state)) * max(abs(state) - 3.0 * sd, 0.0)
+        p = held.translation()
+        R, t = joint.joint.motion(np.array([state]))
+        hand = [look.T_world_gripper.translation() for look in self._tried.looks if look.holding]
+        went = max((float(np.linalg.norm(at - p)) for at in hand), default=0.0)
+        return float(np.linalg.norm(R[0] @ p + t[0] - p)) - went
 
     def _foreseen(self, fit: RecordingFit, joint: JointPosterior, state: float) -> Bounds:
         points = part_points(fit, self._tried.attempt.contact)
@@ -342,24 +398,30 @@ class Trier:
             along = -along
         return np.asarray(along)
 
-    def _hold_again(self) -> bool:
-        """Take hold anew of the part where it is now; False where that is not to be had."""
-        attempt, joint = self._tried.attempt, self._joint()
-        if attempt.regrasps >= self._config.pull.most_regrasps or joint is None:
-            return False
-        if attempt.T_world_grasp is None or self._opened_already():
-            return False
-        attempt.regrasps += 1
-        self._observer.stage("the grip was lost; taking hold again")
+    def _from_aside(self, why: str) -> Stretch | None:
+        """Let go, look from where the arm hides little, and solve."""
+        self._observer.stage(f"{why}; looking from aside")
         with taking(self._time_s, "reach"):
             for _ in self._arm.step_aside(self._tried.looks[-1].frame, self._tick_s):
                 pass
         self._look()
         self._arm.see(self._tried.looks[-1].frame)
-        stretch = self._solve()
-        joint = self._joint()
-        if stretch is None or stretch.state is None or joint is None:
+        return self._solve()
+
+    def _hold_again(self, why: str) -> bool:
+        """Take hold anew of the part where it is seen now; False where that is not to be had.
+
+        An arm before a front may hide all of it while it moves: from aside it is seen.
+        """
+        attempt = self._tried.attempt
+        if attempt.regrasps >= self._config.pull.most_regrasps:
             return False
+        if attempt.T_world_grasp is None or self._opened_already():
+            return False
+        stretch, joint = self._from_aside(why), self._joint()
+        if stretch is None or stretch.state is None or joint is None or self._opened_already():
+            return False
+        attempt.regrasps += 1
         R, t = joint.joint.motion(np.array([stretch.state]))
         T_world_now = gtsam.Pose3(gtsam.Rot3(R[0]), t[0]) * attempt.T_world_grasp
         try:

@@ -269,7 +269,8 @@ class BayesBelief:
         """Relative to the front's best contact: that one is what the front's prior speaks of."""
         contacts = self._contacts
         best = max(contacts[c].prior for c in self._of_front[contacts[place].front])
-        return self._config.on_its_front * contacts[place].prior / max(best, 1e-9)
+        serves = self._config.on_its_front * contacts[place].serves
+        return serves * contacts[place].prior / max(best, 1e-9)
 
     def _serves(self, place: int, way: Way) -> float:
         """Of a contact, given that its front opens this way and all its rigid pulls by it."""

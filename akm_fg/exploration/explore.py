@@ -19,6 +19,7 @@ import numpy as np
 from akm_fg.exploration.attempt import Observer, Stream, Tried, Trier
 from akm_fg.exploration.belief import BayesBelief, Belief, ways_of
 from akm_fg.exploration.config import ExploreConfig
+from akm_fg.exploration.filled import filled
 from akm_fg.exploration.parts.keep import Keeper, PartModels
 from akm_fg.exploration.processor_time import taking
 from akm_fg.exploration.records import Attempt, Contact, Exploration, Hypothesis
@@ -170,20 +171,10 @@ def look_twice(arm: Arm, camera: Camera, exploration: Exploration) -> RgbdFrame:
     with taking(exploration.time_s, "step aside"):
         for _ in arm.step_aside(first, TICK_S, unseen=True):
             pass
-        frame = both(first, camera.capture())
+        second = camera.capture()
+        frame = replace(filled(first, second), stamp_s=second.stamp_s)
         arm.see(frame)
     return frame
-
-
-def both(first: RgbdFrame, second: RgbdFrame) -> RgbdFrame:
-    """The first look, and where it shows nothing the second; the time is the second's."""
-    hidden = ~np.isfinite(first.depth_m)
-    return replace(
-        first,
-        stamp_s=second.stamp_s,
-        rgb=np.where(hidden[..., None], second.rgb, first.rgb),
-        depth_m=np.where(hidden, second.depth_m, first.depth_m),
-    )
 
 
 def _any_moved(exploration: Exploration) -> bool:
@@ -211,9 +202,10 @@ def _tried(
     grasps = others_first(grasps, exploration, hypothesis)
     tried, stream = Tried(attempt), explorer.stream(number)
     feel_m = explorer.feel_m(frame, contact)
-    Trier(arm, camera, stream, tried, observer, explorer.config, feel_m, belief.while_held).run(
-        grasps
-    )
+    before = seen if seen is exploration.first_look else None
+    Trier(
+        arm, camera, stream, tried, observer, explorer.config, feel_m, belief.while_held, before
+    ).run(grasps)
     observer.ended(number, attempt)
     return tried
 

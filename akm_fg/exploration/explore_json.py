@@ -111,12 +111,19 @@ def _contact(contact: Contact) -> dict[str, Any]:
         "front": contact.front,
         "prior": contact.prior,
         "what": contact.what,
+        "serves": contact.serves,
     }
 
 
 def _contact_from(row: dict[str, Any]) -> Contact:
     arrays = {key: np.array(row[key], dtype=float) for key in ("p_world", "uv", "normal_world")}
-    return Contact(**arrays, front=int(row["front"]), prior=float(row["prior"]), what=row["what"])
+    return Contact(
+        **arrays,
+        front=int(row["front"]),
+        prior=float(row["prior"]),
+        what=row["what"],
+        serves=float(row.get("serves", 1.0)),
+    )
 
 
 def _attempt(attempt: Attempt) -> dict[str, Any]:

@@ -77,7 +77,9 @@ class Perceiver:
         mask = self._mask(frame)
         if mask is None:
             return ()
-        found = self._sampler.sample(frame, mask, contact.p_world, contact.normal_world)
+        found = self._sampler.sample(
+            frame, mask, contact.p_world, contact.normal_world, at_edge=contact.what == "edge"
+        )
         return [candidate.T_world_grasp for candidate in found]
 
     def as_remembered(
@@ -160,7 +162,7 @@ def with_priors(
         scale = np.exp(brentq(lambda x: closed(x) - wanted, low, high))
     priors = np.minimum(scale * weights, MOST_PRIOR)
     return tuple(
-        Contact(c.p_world, c.uv, c.normal_world, int(front), float(prior), c.what)
+        Contact(c.p_world, c.uv, c.normal_world, int(front), float(prior), c.what, c.serves)
         for c, front, prior in zip(candidates, fronts, priors, strict=True)
     )
 

@@ -28,6 +28,7 @@ class Contact:
     front: int  # which rigid front that is
     prior: float  # probability that what is held here moves, if anything here does
     what: ContactKind = "protrusion"
+    serves: float = 1.0  # probability that it moves that front, if the front opens: by its shape
 
 
 @dataclass(frozen=True, slots=True)

@@ -80,11 +80,13 @@ class AntipodalSampler:
         mask: BoolArray,
         p_world_contact: FloatArray,
         normal_world: FloatArray,
+        *,
+        at_edge: bool = False,
     ) -> tuple[GraspCandidate, ...]:
         """See `akm_fg.interfaces.GraspSampler`."""
         return tuple(
             GraspCandidate(gtsam.Pose3(found.T), found.quality, found.width_m)
-            for found in self.scored(frame, mask, p_world_contact, normal_world)
+            for found in self.scored(frame, mask, p_world_contact, normal_world, at_edge=at_edge)
         )
 
     def scored(
@@ -93,14 +95,21 @@ class AntipodalSampler:
         mask: BoolArray,
         p_world_contact: FloatArray,
         normal_world: FloatArray,
+        *,
+        at_edge: bool = False,
     ) -> list[ScoredGrasp]:
         """The same with what speaks for each."""
         c = self.config
         normal = _unit(normal_world)
         cloud = local_cloud(frame, mask, p_world_contact, c.around_m)
         hand = HandCollisions(cloud.voxels(c.voxel_m, c.voxel_points), c.voxel_m, self._description)
-        kept = self._clear(self._around(cloud, p_world_contact, normal), hand)
-        return kept or self._clear(self._edges(cloud, p_world_contact, normal), hand)
+        # A board that seems to end in an arm's shadow, or at the next one, looks like a bar.
+        ways = [self._edges, self._around] if at_edge else [self._around, self._edges]
+        for way in ways:
+            kept = self._clear(way(cloud, p_world_contact, normal), hand)
+            if kept:
+                return kept
+        return []
 
     def _clear(self, found: Iterable[ScoredGrasp], hand: HandCollisions) -> list[ScoredGrasp]:
         """The best in which the open hand touches nothing that is seen, no two alike."""

@@ -70,8 +70,10 @@ class ExternalSampler:
         mask: BoolArray,
         p_world_contact: FloatArray,
         normal_world: FloatArray,
+        *,
+        at_edge: bool = False,
     ) -> tuple[GraspCandidate, ...]:
-        """See `akm_fg.interfaces.GraspSampler`.
+        """See `akm_fg.interfaces.GraspSampler`. The program looks for itself what is at an edge.
 
         Raises:
             MissingDependency: the program is not there.

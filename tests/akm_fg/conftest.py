@@ -220,6 +220,7 @@ class Chest:
     bar_m: float = 0.012
     reach_m: float = 0.04  # from the fronts to the middle of the bars
     over_m: float = -0.003  # of the fronts beyond the carcass, on the camera's side
+    step_m: float = 0.0  # of every other front, to the camera's side
     eye: tuple[float, float, float] = (-0.05, 0.45, 1.0)
 
     front_x = 0.62
@@ -242,7 +243,9 @@ class Chest:
         step = self.height_m / self.rows
         for i, (bx, _, bz) in enumerate(self.bars):
             low, high = i * step + 0.003, (i + 1) * step - 0.003
-            board = box((x, -w + 0.003, low), (x + 0.02, w + self.over_m, high), PART, wood)
+            left, right = -w + 0.003, w + self.over_m
+            shift = self.step_m * (i % 2)
+            board = box((x, left + shift, low), (x + 0.02, right + shift, high), PART, wood)
             in_shade = [replace(side, texture=0.5 * side.texture) for side in board[-2:]]
             quads += board[:-2] + in_shade  # below and above, between the fronts
             if self.handles:

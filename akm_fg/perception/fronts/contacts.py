@@ -44,6 +44,13 @@ class ContactConfig:
     behind_m: tuple[float, float] = (-0.005, -0.035)
     air_m: float = 0.015  # so far behind a place something is seen: there is air
     inset_m: float = 0.018  # of an edge's contact: half a finger
+    # A longer edge of a front on which nothing stands out is held at several places: boards side
+    # by side may look like one. Two of the narrowest fronts that people build are as long.
+    long_edge_m: float = 0.45
+    apart_m: float = 0.20  # between these places: less than a front is wide
+    one_board: float = 0.7  # that such a place is on the same board as the others
+    # An edge gives a lever; one of a door's four is its hinge's, and nobody sees which.
+    lever: float = 0.8
     seen_within_m: float = 0.02  # a place is proposed where something was seen so near to it
     most: int = 60
 
@@ -76,8 +83,9 @@ def contacts_of(
         for i, p in enumerate(fronts.protrusions)
         for c in _of_protrusion(p, fronts, seen, config)
     ]
+    with_handle = {protrusion.front for protrusion in fronts.protrusions}
     for i, front in enumerate(fronts.fronts):
-        found.extend(_of_front(i, front, seen, config))
+        found.extend(_of_front(i, front, seen, config, bare=i not in with_handle))
     return tuple(sorted(found, key=lambda c: -c.prior)[: config.most])
 
 
@@ -143,9 +151,9 @@ def _of_protrusion(
 
 
 def _of_front(
-    index: int, front: Front, seen: _Seen, config: ContactConfig
+    index: int, front: Front, seen: _Seen, config: ContactConfig, bare: bool
 ) -> Iterator[ContactCandidate]:
-    """The middles of its edges, and its own middle."""
+    """The middles of its edges, places all along long ones where it is bare, and its middle."""
     facing = _facing(front, config)
     middle, half = (front.lower_m + front.upper_m) / 2.0, front.extent_m / 2.0
     at = seen.nearest(front.frame.world(np.append(middle, 0.0)), config.seen_within_m)
@@ -153,18 +161,32 @@ def _of_front(
         prior = config.plain * facing
         yield ContactCandidate(at[0], at[1], index, front.normal_world, prior, "plain")
     for out in (np.array(side) for side in ((-1.0, 0.0), (1.0, 0.0), (0.0, -1.0), (0.0, 1.0))):
-        edge = middle + half * out
-        place = np.append(edge - np.minimum(config.inset_m, half) * out, 0.0)
-        at = seen.nearest(front.frame.world(place), config.seen_within_m)
-        if at is not None:
-            prior = _edge_prior(front, edge, out, seen, config) * facing
-            yield ContactCandidate(at[0], at[1], index, front.normal_world, prior, "edge")
+        along = np.abs(out[::-1])
+        offsets = _along_edge(float(along @ front.extent_m), bare, config)
+        serves = config.lever * (config.one_board if len(offsets) > 1 else 1.0)
+        for offset in offsets:
+            edge = middle + half * out + offset * along
+            place = np.append(edge - np.minimum(config.inset_m, half) * out, 0.0)
+            at = seen.nearest(front.frame.world(place), config.seen_within_m)
+            if at is not None:
+                prior = _edge_prior(front, edge, out, seen, config) * facing
+                yield ContactCandidate(
+                    at[0], at[1], index, front.normal_world, prior, "edge", serves=serves
+                )
+
+
+def _along_edge(length_m: float, bare: bool, config: ContactConfig) -> FloatArray:
+    """(K,) where an edge may be held, from its middle, m."""
+    if not bare or length_m < config.long_edge_m:
+        return np.zeros(1)
+    count = round(length_m / config.apart_m)
+    return np.asarray(length_m * ((np.arange(count) + 0.5) / count - 0.5))
 
 
 def _edge_prior(
     front: Front, edge: FloatArray, out: FloatArray, seen: _Seen, config: ContactConfig
 ) -> float:
-    """By whether there is air beyond an edge, at its middle (2,), and behind it."""
+    """By whether there is air beyond an edge, at a place (2,) on it, and behind it."""
 
     def air(outwards_m: float, over_m: float) -> bool:
         place = np.append(edge + outwards_m * out, over_m)

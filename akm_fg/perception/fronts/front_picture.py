@@ -7,10 +7,8 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from akm_fg.perception.fronts.front_planes import ObjectCloud, SeenPlane
+from akm_fg.perception.fronts.front_planes import BLIND_PX, ObjectCloud, SeenPlane
 from akm_fg.records import BoolArray, FloatArray, RgbdFrame
-
-BLIND_PX = 9  # wider without depth: the robot, or what shines; a gap's shadow is narrower
 
 IN_FRONT_M = 0.012  # of the plane: a handle, not what is seen through a gap
 

@@ -15,7 +15,10 @@ from numpy.typing import NDArray
 from akm_fg.perception.depth.depth_noise import DepthNoiseModel
 from akm_fg.perception.depth.depth_planes import DepthPlanesConfig, depth_planes
 from akm_fg.perception.fronts.front_records import FrontFrame
+from akm_fg.perception.fronts.sides import turn_of_sides
 from akm_fg.records import BoolArray, FloatArray, RgbdFrame
+
+BLIND_PX = 9  # wider without depth: the robot, or what shines; a gap's shadow is narrower
 
 UP_WORLD = np.array([0.0, 0.0, 1.0])
 
@@ -100,6 +103,7 @@ def seen_planes(
     rng = np.random.default_rng(config.seed)
     left = np.ones(len(u), dtype=bool)
     found: list[SeenPlane] = []
+    blind = _beside_blind(frame.depth_m)
     for _ in range(config.most):
         best = _largest(p, n, area, near, left, rng, config)
         if best is None:
@@ -109,7 +113,7 @@ def seen_planes(
         if area[support].sum() < config.min_area_m2:
             break
         found.append(
-            _seen_plane(cloud, p[support], normal, offset, (v[support], u[support]), config)
+            _seen_plane(cloud, p[support], normal, offset, (v[support], u[support]), blind, config)
         )
         left &= ~(np.abs(p @ normal - offset) < 1.5 * near)
     return tuple(found)
@@ -174,9 +178,13 @@ def _seen_plane(
     normal: FloatArray,
     offset: float,
     pixels: tuple[NDArray[np.int64], NDArray[np.int64]],
+    blind: BoolArray,
     config: FrontPlanesConfig,
 ) -> SeenPlane:
-    """A plane and its pixels: those of its windows, and at its rim those that are on it."""
+    """A plane and its pixels: those of its windows, and at its rim those that are on it.
+
+    Where it ends beside pixels that are `blind` (H, W) it may go on behind the robot.
+    """
     if normal @ cloud.eye_world < offset:
         normal, offset = -normal, -offset
     mask = np.zeros(cloud.known.shape, dtype=bool)
@@ -188,13 +196,22 @@ def _seen_plane(
         mask[rim] = np.abs(cloud.p_world[rim] @ normal - offset) < near
     middle = p.mean(axis=0)
     origin = middle - (normal @ middle - offset) * normal
-    return SeenPlane(FrontFrame(origin, _axes(p, normal, origin, cloud.eye_world)), mask)
+    inner = cv2.erode(mask.astype(np.uint8), np.ones((3, 3), np.uint8)) > 0
+    outline = cloud.p_world[mask & ~inner & cloud.known & ~blind]
+    return SeenPlane(FrontFrame(origin, _axes(outline, normal, origin, cloud.eye_world)), mask)
+
+
+def _beside_blind(depth_m: NDArray[np.float32]) -> BoolArray:
+    """(H, W) pixels in or beside large places without depth: the robot, or what shines."""
+    blind = (~(depth_m > 0)).astype(np.uint8)
+    wide = cv2.morphologyEx(blind, cv2.MORPH_OPEN, np.ones((BLIND_PX,) * 2, np.uint8))
+    return np.asarray(cv2.dilate(wide, np.ones((5, 5), np.uint8)) > 0)
 
 
 def _axes(
-    p: FloatArray, normal: FloatArray, origin: FloatArray, eye_world: FloatArray
+    outline: FloatArray, normal: FloatArray, origin: FloatArray, eye_world: FloatArray
 ) -> FloatArray:
-    """(3, 3) columns: along the sides of the rectangle around the points, and the normal.
+    """(3, 3) columns: along the sides of what has this outline (N, 3), and the normal.
 
     Furniture is rectangular, but need not stand level. x is the side nearest to the horizontal; on
     a lying plane, nearest to what is sideways for who stands where the camera is.
@@ -204,11 +221,7 @@ def _axes(
     y = upwards - (upwards @ normal) * normal
     y /= np.linalg.norm(y)
     x = np.cross(y, normal)
-    flat = np.column_stack([(p - origin) @ x, (p - origin) @ y]).astype(np.float32)
-    box = cv2.boxPoints(cv2.minAreaRect(flat))
-    side = np.asarray(box[1] - box[0], dtype=float)
-    angle = np.arctan2(side[1], side[0])
-    angle -= np.round(angle / (np.pi / 2)) * np.pi / 2  # the side within 45 deg of x
+    angle = turn_of_sides((outline - origin) @ np.column_stack([x, y]))
     turned = np.cos(angle) * x + np.sin(angle) * y
     return np.column_stack([turned, np.cross(normal, turned), normal])
 

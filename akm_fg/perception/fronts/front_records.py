@@ -110,3 +110,4 @@ class ContactCandidate:
     prior: float  # in (0, 1)
     what: ContactKind
     thing: int | None = None  # which protrusion; None of edges and plain places
+    serves: float = 1.0  # that it moves its front: no gap was missed, and there is a lever

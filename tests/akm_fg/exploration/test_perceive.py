@@ -1,3 +1,5 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -58,6 +60,18 @@ def test_after_a_rigid_pull_the_other_handle_of_a_merged_front_is_as_likely_as_b
     then = belief.next()
     assert then.contact == 1 - first.contact
     assert belief.front_opens(belief._contacts[then.contact].front)["outward"] == before
+
+
+def test_after_a_rigid_pull_another_place_of_a_long_edge_is_tried_before_anything_less_likely():
+    seen = [replace(candidate(0, 0.3 * i, 0.4), serves=0.56) for i in range(3)]
+    seen.append(candidate(1, 1.5, 0.02))
+    belief = BayesBelief(with_priors(seen, np.array([c.prior for c in seen]), 0.95))
+    tried = []
+    for _ in range(3):
+        then = belief.next()
+        tried.append(then.contact)
+        belief.learn(then, "rigid", False, True)
+    assert sorted(tried) == [0, 1, 2]
 
 
 def test_places_nearer_than_a_finger_are_one():

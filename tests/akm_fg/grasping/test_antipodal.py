@@ -74,6 +74,26 @@ def test_a_board_that_stands_over_is_pinched_at_its_edge(sampler, make_chest):
     assert min(leans) < -0.5 and max(leans) < 0.05  # never with the hand behind the front
 
 
+def test_a_board_that_seems_to_end_in_a_shadow_is_pinched_at_its_edge_all_the_same(
+    sampler, make_chest
+):
+    """The arm hides all of it but a strip as wide as a bar."""
+    chest = make_chest(rows=1, handles=False, over_m=0.06)
+    frame = chest.frame()
+    mask = DepthObjectSegmenter().segment(frame)
+    v, u = np.mgrid[: frame.camera.height, : frame.camera.width].astype(float)
+    p_cam = frame.camera.back_project(np.stack([u, v], axis=-1), frame.depth_m.astype(float))
+    y = frame.T_world_cam.transformFrom(p_cam.reshape(-1, 3).T)[1].reshape(mask.shape)
+    end = chest.half_width_m + 0.06
+    hidden = np.where((y > end - 0.15) & (y < end - 0.035), np.nan, frame.depth_m)
+    seen = replace(frame, depth_m=hidden.astype(np.float32))
+    contact = np.array([chest.front_x, end - 0.018, 0.36])
+    as_bar = sampler.sample(seen, mask, contact, OUT)
+    assert abs(as_bar[0].T_world_grasp.rotation().matrix()[:, 1] @ OUT) < 0.5
+    for grasp in sampler.sample(seen, mask, contact, OUT, at_edge=True):
+        assert abs(grasp.T_world_grasp.rotation().matrix()[:, 1] @ OUT) > 0.8
+
+
 def test_the_middle_of_a_bare_front_offers_nothing(sampler, chest, mask):
     p_world = np.array([chest.front_x, 0.15, 0.36])
     assert sampler.sample(chest.frame(), mask, p_world, OUT) == ()
