@@ -47,7 +47,7 @@ class CarelessFranka(SimFranka):
 
 @pytest.mark.slow
 def test_the_same_approach_without_collision_checks_is_seen_to_touch():
-    assert any(run_trial(trial, make_arm=CarelessFranka).touched for trial in range(8))
+    assert any(run_trial(trial, make_arm=CarelessFranka).touched for trial in range(16, 28))
 
 
 def test_the_report_counts_touches_and_reasons():
