@@ -16,7 +16,7 @@ from ompl import base, geometric, util
 from akm_fg.arm.body.collision import ArmCollisions
 from akm_fg.arm.body.kinematics import Q_HOME, Q_MAX, Q_MIN, limit_margin_rad
 from akm_fg.arm.body.model import N_ARM
-from akm_fg.arm.motion.joint_path import JointMotion, TimeLawConfig, joint_motion
+from akm_fg.arm.motion.joint_path import RETURN_RAD, JointMotion, TimeLawConfig, joint_motion
 from akm_fg.errors import MotionInfeasible
 from akm_fg.records import FloatArray
 
@@ -33,6 +33,7 @@ class PlanConfig:
     searches: int = 3  # with other seeds, each twice as fine as the one before
     margins_m: tuple[float, ...] = (0.02, 0.01, 0.0)  # the first at which both ends are free
     limit_margin_rad: float = 0.01  # kept from the soft limits
+    return_rad: float = RETURN_RAD  # beyond a limit, from where the arm goes back inside first
 
 
 class FreeMotionPlanner(Protocol):
@@ -57,6 +58,13 @@ class RrtConnectPlanner:
     def plan(self, q_from: FloatArray, q_to: FloatArray) -> FloatArray:
         """See FreeMotionPlanner. Keeps the largest of the margins at which both ends are free."""
         config = self._config
+        inside = np.clip(q_from, Q_MIN, Q_MAX)
+        if 0.0 < np.abs(q_from - inside).max() <= config.return_rad:  # pushed there: back first
+            onwards = self.plan(inside, q_to)
+            self._settle_margin(inside, q_to)
+            if not self._collisions.free_along(np.stack([q_from, inside]), config.step_m):
+                raise MotionInfeasible(f"from joint angles {np.round(q_from, 3)} no way leads back")
+            return np.concatenate([q_from[None], onwards])
         self._settle_margin(q_from, q_to)
         straight = np.stack([q_from, q_to])
         if self._collisions.free_along(straight, config.step_m):

@@ -20,6 +20,10 @@ from akm_fg.arm.motion.time_law import sampled
 from akm_fg.errors import MotionInfeasible
 from akm_fg.records import FloatArray
 
+# So far beyond its soft limits an arm may be pushed by what it holds and go back by itself: its
+# hard limits lie four degrees beyond (0.0698 rad in every joint of the URDF that PyBullet brings).
+RETURN_RAD = 0.075
+
 
 @dataclass(frozen=True, slots=True)
 class TimeLawConfig:
@@ -52,14 +56,14 @@ def joint_motion(
 
     Raises:
         ValueError: fewer than two waypoints.
-        MotionInfeasible: a waypoint lies outside the joint limits.
+        MotionInfeasible: a waypoint lies outside the joint limits; of the first, by `RETURN_RAD`.
     """
     config = config or TimeLawConfig()
     points = np.asarray(waypoints, dtype=float)
     if points.ndim != 2 or len(points) < 2:
         raise ValueError(f"waypoints {points.shape}, expected (K, 7) with K >= 2")
-    for q in points:
-        if limit_margin_rad(q) < -1e-3:
+    for k, q in enumerate(points):
+        if limit_margin_rad(q) < -(1e-3 if k else RETURN_RAD):
             raise MotionInfeasible(f"joint angles {np.round(q, 3)} are outside the limits")
     steps = np.diff(points, axis=0)
     legs = [(step, _leg(step, step_s, config)) for step in steps if np.abs(step).max() > 1e-6]

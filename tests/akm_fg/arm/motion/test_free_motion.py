@@ -13,6 +13,8 @@ from akm_fg.arm.body.kinematics import (
     DDQ_MAX,
     DQ_MAX,
     Q_HOME,
+    Q_MAX,
+    Q_MIN,
     FrankaKinematics,
     limit_margin_rad,
 )
@@ -23,7 +25,7 @@ from akm_fg.arm.motion.free_motion import (
     timed_motion,
     way_out,
 )
-from akm_fg.arm.motion.joint_path import TimeLawConfig
+from akm_fg.arm.motion.joint_path import TimeLawConfig, joint_motion
 from akm_fg.errors import MotionInfeasible
 from akm_fg.records import FloatArray
 
@@ -72,6 +74,16 @@ def test_where_nothing_is_in_the_way_it_goes_straight():
 
 def fingertip(q: FloatArray) -> FloatArray:
     return FrankaKinematics().T_world_gripper(q).translation()
+
+
+def test_an_arm_that_was_pushed_beyond_its_limits_goes_back_inside_first():
+    pushed = LEFT.copy()
+    pushed[1] = Q_MIN[1] - 0.07
+    waypoints = RrtConnectPlanner(among_posts()).plan(pushed, RIGHT)
+    np.testing.assert_array_equal(waypoints[[0, -1]], [pushed, RIGHT])
+    np.testing.assert_array_equal(waypoints[1], np.clip(pushed, Q_MIN, Q_MAX))
+    assert min(limit_margin_rad(q) for q in waypoints[1:]) >= 0.0
+    assert len(joint_motion(waypoints, 0.01).q) > 2
 
 
 def test_a_goal_or_start_in_an_obstacle_is_named():
