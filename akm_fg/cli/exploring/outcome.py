@@ -6,22 +6,27 @@ from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
+
 from akm_fg import __version__
 from akm_fg.cli.exploring.kept import Explored
 from akm_fg.cli.exploring.recorder import attempt_name
 from akm_fg.config import AkmConfig
 from akm_fg.errors import InsufficientData
+from akm_fg.estimation.config import GraspConfig
 from akm_fg.exploration.pages.page import exploration_part
 from akm_fg.exploration.records import Exploration
 from akm_fg.model.build import FittedRecording, build_model
 from akm_fg.model.read import FILE, read_model
 from akm_fg.model.records import Contact, ObjectModel
 from akm_fg.model.write import write_model
+from akm_fg.posterior import ArticulationPosterior
 from akm_fg.records import JointTruth, Look, Recording, RgbdFrame, first_hold
 from akm_fg.relocalization.relocalizer import Relocalizer
 from akm_fg.report.summary import PartTracks, RunSummary
 from akm_fg.report.write import write_report
 from akm_fg.stages import RecordingFit
+from akm_fg.stream.gripper_state import with_gripper_states
 from akm_fg.view.embedded import embedded_view
 
 REPORT = "report.html"
@@ -109,8 +114,12 @@ def write_part_model(folder: Path, exploration: Exploration, config: AkmConfig) 
     try:
         model = _built(fitted, exploration, config)
         closed = closed_at(model, exploration.first_look, config)
+        why = "the part had crept open before the pull that opened it"
+        if closed is None:
+            closed = began_at(fit.posterior, recording)
+            why = "states count from a later frame: where the pull began, the hand tells"
         if closed is not None:
-            exploration.notes.append("the part had crept open before the pull that opened it")
+            exploration.notes.append(why)
             fitted = FittedRecording.of(recording, fit, closed)
             model = _built(fitted, exploration, config)
     except InsufficientData as error:
@@ -143,6 +152,26 @@ def closed_at(model: ObjectModel, first: RgbdFrame | None, config: AkmConfig) ->
     turns = model.parts[0].joint.turns
     crept = abs(belief.mean) > max(CREPT_SIGMAS * belief.sd, CREPT_RAD if turns else CREPT_M)
     return belief.mean if crept else None
+
+
+def began_at(posterior: ArticulationPosterior, recording: Recording) -> float | None:
+    """State of the part when the hand took hold, by the hand; None where frames show it.
+
+    A part that the hand hides at first is seen from a later frame on, and states count from there.
+    """
+    states, joint, held = posterior.best.states, posterior.best.joint, recording.grasp_frames
+    poses = recording.T_world_gripper
+    if states is None or joint is None or held is None or poses is None:
+        return None
+    first, last = held
+    if np.isfinite(states.mean[: first + 1]).any():
+        return None
+    hands = {k: poses[k].translation() for k in range(first, last + 1)}
+    told = with_gripper_states(posterior, hands, GraspConfig()).best.states
+    if told is None or not np.isfinite(told.mean[first]):
+        return None
+    began = float(told.mean[first])
+    return began if abs(began) > (CREPT_RAD if joint.turns else CREPT_M) else None
 
 
 CREPT_SIGMAS = 3.0  # of the state in the first look: less is no sign of it

@@ -2,12 +2,13 @@
 
 from types import SimpleNamespace
 
+import gtsam
 import numpy as np
 import pytest
 
 from akm_fg.cli.exploring.explore import _print
 from akm_fg.cli.exploring.kept import Explored
-from akm_fg.cli.exploring.outcome import closed_at, last_recording, solved_frames
+from akm_fg.cli.exploring.outcome import began_at, closed_at, last_recording, solved_frames
 from akm_fg.config import AkmConfig
 from akm_fg.exploration.records import Exploration
 from akm_fg.model.build import FittedRecording, build_model
@@ -46,6 +47,30 @@ def test_what_had_crept_open_before_is_closed_where_the_first_look_shows_it(requ
     states = model.parts[0].states
     found = closed_at(model, clip.frames[5], AkmConfig())
     assert found == pytest.approx(states.mean[5], abs=4 * states.sd[5] + 0.004)
+
+
+@pytest.mark.parametrize("name", ["door", "drawer"])
+def test_where_a_pull_began_that_the_hand_hid_the_hand_tells(request, name, fit_of):
+    """Of frames whose states are taken away, all are told but those before the hold."""
+    clip = request.getfixturevalue(name)
+    posterior = fit_of(clip).posterior
+    joint, states = posterior.best.joint.joint, posterior.best.states
+    handle = np.array([0.3, 0.1, 0.4])
+    hands = []
+    for q in states.mean:
+        (R,), (t,) = joint.motion(np.array([q]))
+        hands.append(gtsam.Pose3(gtsam.Rot3(), R @ handle + t))
+    recording = Recording(
+        "clip", clip.frames, T_world_gripper=tuple(hands), grasp_frames=(2, len(hands) - 1)
+    )
+    assert began_at(posterior, recording) is None  # its frames show it
+    mean, sd = states.mean.copy(), states.sd.copy()
+    mean[:6], sd[:6] = np.nan, np.nan
+    mean -= mean[6]  # as states count where frame 6 is the first to show the part
+    hidden = posterior.with_states(mean, sd)
+    there = states.mean[2] - states.mean[6]
+    assert began_at(hidden, recording) == pytest.approx(there, abs=0.002)
+    assert began_at(hidden, Recording("clip", clip.frames)) is None
 
 
 def test_what_is_said_at_the_end_is_text_alone(tmp_path, capfd):
