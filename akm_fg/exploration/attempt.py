@@ -199,7 +199,7 @@ class Trier:
                 elif not gave:
                     return f"gave {_mm(self._travel_m)} in all"
                 continue
-            reason = enough(self._tried.attempt.stretches, self._turns(), self._config.stopping)
+            reason = enough(self._tried.attempt.stretches, self._config.stopping)
             if reason is not None:
                 self._end("opened", reason)
                 return None
@@ -252,7 +252,7 @@ class Trier:
     def _opened_already(self) -> bool:
         stretches = self._tried.attempt.stretches
         need = self._config.stopping.need
-        return any(moved_enough(stretch, self._turns(), need) for stretch in stretches)
+        return any(moved_enough(stretch, need) for stretch in stretches)
 
     def _stretch(self, direction_world: FloatArray, distance_m: float) -> FloatArray:
         """Pull on; returns how far (3,) the hand went."""
@@ -374,10 +374,6 @@ class Trier:
         stretches = len(self._tried.attempt.stretches) + 1
         then = Pulled(state * (stretches + 1) / stretches, frames + held // stretches)
         return bounds_of(foreseen(joint, points, Pulled(state, frames), then))
-
-    def _turns(self) -> bool:
-        joint = self._joint()
-        return joint is not None and joint.turns
 
     def _joint(self) -> JointPosterior | None:
         fit = self._tried.fit

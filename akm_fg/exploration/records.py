@@ -11,6 +11,7 @@ from akm_fg.model.records import ObjectModel
 from akm_fg.perception.fronts.front_records import ContactKind
 from akm_fg.records import FloatArray, Look, RgbdFrame
 from akm_fg.stages import RecordingFit
+from factors.joint import JointKind
 
 Outcome = Literal["opened", "rigid", "grasp_lost", "refused", "stopped"]
 Way = Literal["outward", "left", "right", "upward"]
@@ -63,6 +64,14 @@ class Stretch:
     bounds: Bounds | None
     expected_next: Bounds | None  # after a further stretch, foreseen now
     solve_s: float  # of processor time
+
+    @property
+    def turns(self) -> bool:
+        """Whether the state is an angle: of the likeliest kind, which another stretch may change."""
+        likeliest = max(
+            self.kind_probability, key=self.kind_probability.__getitem__, default="rigid"
+        )
+        return likeliest != "rigid" and JointKind(likeliest).turns
 
 
 @dataclass(slots=True)

@@ -44,19 +44,19 @@ def met(bounds: Bounds, need: Need) -> bool:
     return bounds.axis_rad <= need.axis_rad and good_pivot
 
 
-def moved_enough(stretch: Stretch, turns: bool, need: Need) -> bool:
+def moved_enough(stretch: Stretch, need: Need) -> bool:
     """Whether the part has surely been opened by what counts."""
     if stretch.state is None or stretch.state_sd is None:
         return False
-    least = need.moved_rad if turns else need.moved_m
+    least = need.moved_rad if stretch.turns else need.moved_m
     return abs(stretch.state) - need.sure_sd * stretch.state_sd > least
 
 
-def enough(stretches: Sequence[Stretch], turns: bool, config: StopConfig) -> str | None:
+def enough(stretches: Sequence[Stretch], config: StopConfig) -> str | None:
     """Why the pull may stop now, in words; None where it should go on."""
     last = stretches[-1]
     likely = max(last.kind_probability.values(), default=0.0)
-    far = any(moved_enough(stretch, turns, config.need) for stretch in stretches)
+    far = any(moved_enough(stretch, config.need) for stretch in stretches)
     if last.bounds is None or not far:
         return None
     if likely < config.need.kind_probability:
