@@ -67,10 +67,9 @@ class Stretch:
 
     @property
     def turns(self) -> bool:
-        """Whether the state is an angle: of the likeliest kind, which another stretch may change."""
-        likeliest = max(
-            self.kind_probability, key=self.kind_probability.__getitem__, default="rigid"
-        )
+        """Whether the state is an angle. It is of the likeliest kind, which may change later."""
+        kinds = self.kind_probability
+        likeliest = max(kinds, key=kinds.__getitem__, default="rigid")
         return likeliest != "rigid" and JointKind(likeliest).turns
 
 
