@@ -22,9 +22,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from factors.measurements.lasting_errors import Marginal
 from factors.measurements.track_cost import (
-    Slips,
     TrackCost,
     TrackObservations,
     cost_at,
@@ -117,7 +115,8 @@ def _taken_back(
 def _marginal_form(cost: TrackCost) -> tuple[Array, Array]:
     """Information (6 T, 6 T) and gradient (6 T,) with the latent points marginalised."""
     W, G = cost.information, twist_jacobian(cost.x_joint)
-    We = times(W, cost.z_joint - cost.x_joint)
+    e = cost.z_joint - cost.x_joint
+    We = times(W, e)
     T, width, N = W.shape
     frames, total = np.arange(T), W.sum(axis=0)
     H = np.zeros((6 * T, 6 * T))
@@ -136,20 +135,14 @@ def _marginal_form(cost: TrackCost) -> tuple[Array, Array]:
     held = _whitened(total, rows).reshape(6 * T + 1, 3 * N)
     H -= held[:-1] @ held[:-1].T
     g = _by_twists(We, G).ravel() - held[:-1] @ held[-1]
-    if cost.slips is None or cost.marginal is None:
+    lasting = cost.lasting
+    if lasting is None:
         return H, g
-    taken = _lasting(cost, cost.slips, cost.marginal, rows, G)
+    some = lasting.modes.tracks
+    of_a = lasting.pull(e[..., some])
+    own = np.concatenate([lasting.by_twists(G).reshape(-1, *of_a.shape), of_a[None]])
+    taken = lasting.taken(lasting.left(own, rows[..., some]))
     return H - taken[:-1, :-1], g - taken[:-1, -1]
-
-
-def _lasting(cost: TrackCost, slips: Slips, marginal: Marginal, rows: Array, G: Array) -> Array:
-    """(6 T + 1, 6 T + 1) what marginalising the errors that last takes, the gradient's row last."""
-    some = slips.tracks
-    by_twist = np.einsum("mtil,ijl->tjml", marginal.weighted, G[..., some])
-    e = cost.z_joint[..., some] - cost.x_joint[:, some]
-    pull = np.einsum("mtil,til->ml", marginal.weighted, e) - slips.amount / marginal.modes.sd**2
-    own = np.concatenate([by_twist.reshape(-1, *pull.shape), pull[None]])
-    return marginal.taken(marginal.left(own, rows[..., some]))
 
 
 def _by_twists(v: Array, G: Array) -> Array:

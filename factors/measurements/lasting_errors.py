@@ -60,30 +60,54 @@ class LastingModes:
 
 
 @dataclass(frozen=True, slots=True)
+class Slips:
+    """Errors that last, at their best."""
+
+    tracks: NDArray[np.int_]  # (L,)
+    amount: Array  # (M, L)
+
+
+@dataclass(frozen=True, slots=True)
 class Marginal:
-    """The information on a of L tracks, latent points marginalised."""
+    """The information on a of L tracks at some amounts, latent points marginalised."""
 
     modes: LastingModes
+    amount: Array  # (M, L) a
     weighted: Array  # (M, T, 3, L) W s
     coupling: Array  # (M, 3, L) A^-1 V
     information: Array  # (L, M, M) K'
 
     @staticmethod
-    def of(modes: LastingModes, W: Array) -> Marginal:
-        """Of weighted information (T, 6, L) on the tracks of the modes."""
+    def of(modes: LastingModes, amount: Array, W: Array) -> Marginal:
+        """Of weighted information (T, 6, L) on the tracks of the modes, at amounts (M, L)."""
         s = modes.vectors
         weighted = np.stack([times(W, each) for each in s])
         V = weighted.sum(axis=1)
         coupling = times(inverse_and_determinant(W.sum(axis=0))[0][None], V)
         K = np.einsum("mtil,ktil->lmk", s, weighted)
         K += np.eye(len(s)) / modes.sd.T[:, None] ** 2
-        return Marginal(modes, weighted, coupling, K - np.einsum("mil,kil->lmk", coupling, V))
+        return Marginal(
+            modes, amount, weighted, coupling, K - np.einsum("mil,kil->lmk", coupling, V)
+        )
+
+    @property
+    def slips(self) -> Slips:
+        """The amounts, and whose they are."""
+        return Slips(self.modes.tracks, self.amount)
 
     @property
     def log_det(self) -> float:
         """Sum over the tracks of log |diag(b) K' diag(b)|."""
         log_K = np.linalg.slogdet(self.information)[1].sum()
         return float(log_K + 2 * np.log(self.modes.sd).sum())
+
+    def by_twists(self, G: Array) -> Array:
+        """G^T W s of every frame (T, 6, M, L), from the twist Jacobians (3, 6, N) of all tracks."""
+        return np.einsum("mtil,ijl->tjml", self.weighted, G[..., self.modes.tracks])
+
+    def pull(self, e: Array) -> Array:
+        """(M, L) what is left of a's own gradient, at errors (T, 3, L)."""
+        return np.einsum("mtil,til->ml", self.weighted, e) - self.amount / self.modes.sd**2
 
     def left(self, rows: Array, rows_of_points: Array) -> Array:
         """What is left of rows (D, M, L) on a, those on the latent points (D, 3, L) taken out."""
@@ -121,9 +145,9 @@ def best_latents(
     for _ in range(iterations):
         e = z - x - modes.off(a)
         W = information * weight(squared_length(information, e), dof, 3)[:, None, :]
-        marginal = Marginal.of(modes, W)
+        marginal = Marginal.of(modes, a, W)
         pull = times(W, e).sum(axis=0)
-        pull_a = np.einsum("mtil,til->ml", marginal.weighted, e) - a / modes.sd**2
+        pull_a = marginal.pull(e)
         alone = marginal.left(pull_a[None], pull[None])[0]
         step_a = np.linalg.solve(marginal.information, alone.T[..., None])[..., 0].T
         held = times(inverse_and_determinant(W.sum(axis=0))[0][None], pull[None])[0]

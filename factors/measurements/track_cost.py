@@ -106,14 +106,6 @@ class TrackObservations:
 
 
 @dataclass(frozen=True, slots=True)
-class Slips:
-    """Errors that last, at their best."""
-
-    tracks: NDArray[np.int_]  # (L,)
-    amount: Array  # (M, L)
-
-
-@dataclass(frozen=True, slots=True)
 class TrackCost:
     """The cost of all tracks at one joint and one set of states, latent points at their best."""
 
@@ -123,8 +115,7 @@ class TrackCost:
     log_det_latent: float  # sum of log |information of x_n, and of what lasts|
     z_joint: Array  # (T, 3, N) reference coordinates, less what lasts
     information: Array  # (T, 6 or 1, N) weighted, packed, in reference coordinates
-    slips: Slips | None = None
-    marginal: Marginal | None = None  # of the slips, in reference coordinates
+    lasting: Marginal | None = None  # of errors that last, in reference coordinates
 
 
 def track_cost(
@@ -145,11 +136,8 @@ def track_cost(
         scale: factor on the observations' standard deviations.
         x_start: (3, N) where to start the latent points; their medians over the frames if None.
     """
-    z, information = taken_back(joint, q, tracks)
+    z, information, modes = taken_back(joint, q, tracks)
     x = first_reference(z, tracks.observed) if x_start is None else x_start
-    modes = None
-    if tracks.lasting is not None:
-        modes = tracks.lasting.turned(joint.R_world_joint @ joint.displacement(q)[0])
     return cost_at(z, information / scale**2, x, dof, modes)
 
 
@@ -167,14 +155,13 @@ def cost_at(
     """
     if modes is None:
         x, weighted, d2 = best_reference(z, information, x, dof)
-        slips, marginal, twice, log_det = None, None, 0.0, 0.0
+        lasting, twice, log_det = None, 0.0, 0.0
     else:
         z, x, amount = _with_what_lasts(z, information, x, dof, modes)
         d2 = squared_length(information, z - x)
         weighted = information * weight(d2, dof, 3)[:, None, :]
-        slips = Slips(modes.tracks, amount)
-        marginal = Marginal.of(modes, weighted[..., modes.tracks])
-        twice, log_det = float(((amount / modes.sd) ** 2).sum()), marginal.log_det
+        lasting = Marginal.of(modes, amount, weighted[..., modes.tracks])
+        twice, log_det = float(((amount / modes.sd) ** 2).sum()), lasting.log_det
     return TrackCost(
         twice_cost=float(twice_negative_log_kernel(d2, dof, 3).sum()) + twice,
         d2=d2,
@@ -183,8 +170,7 @@ def cost_at(
         + log_det,
         z_joint=z,
         information=weighted,
-        slips=slips,
-        marginal=marginal,
+        lasting=lasting,
     )
 
 
@@ -196,23 +182,25 @@ def _with_what_lasts(
     others = np.setdiff1d(np.arange(x.shape[1]), some)
     x = x.copy()
     if others.size:
-        x[:, others] = best_reference(z[..., others], information[..., others], x[:, others], dof)[
-            0
-        ]
+        found = best_reference(z[..., others], information[..., others], x[:, others], dof)
+        x[:, others] = found[0]
     x[:, some], amount = best_latents(
         z[..., some], information[..., some], x[:, some], modes, dof, ITERATIONS, TOLERANCE
     )
     return modes.without(z, amount), x, amount
 
 
-def taken_back(joint: Joint, q: Array, tracks: TrackObservations) -> tuple[Array, Array]:
-    """Reference coordinates (T, 3, N) of the observations, and their information there, packed."""
+def taken_back(
+    joint: Joint, q: Array, tracks: TrackObservations
+) -> tuple[Array, Array, LastingModes | None]:
+    """Reference coordinates (T, 3, N) of the observations; their information there, what lasts."""
     z = joint.reference_coordinates(q, tracks.p_world)
-    information = tracks.information_world
+    information, modes = tracks.information_world, tracks.lasting
     if information.shape[1] > 1:
-        rotations, _ = joint.displacement(q)
-        information = rotated(information, joint.R_world_joint @ rotations)
-    return z, information
+        rotation = joint.R_world_joint @ joint.displacement(q)[0]
+        information = rotated(information, rotation)
+        modes = None if modes is None else modes.turned(rotation)
+    return z, information, modes
 
 
 def first_reference(z: Array, observed: NDArray[np.bool_]) -> Array:
@@ -229,7 +217,7 @@ def rough_track_cost(joint: Joint, q: Array, tracks: TrackObservations) -> Array
 
     For comparing starts: cheap, and not for sale to outliers when a median is taken of it.
     """
-    z, information = taken_back(joint, q, tracks)
+    z, information, _ = taken_back(joint, q, tracks)
     z -= first_reference(z, tracks.observed)
     return squared_length(information, z)[tracks.observed]
 

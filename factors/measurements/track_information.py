@@ -10,7 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from factors.joint import Joint, skew
-from factors.measurements.track_cost import Slips, TrackCost, TrackObservations, taken_back
+from factors.measurements.lasting_errors import Marginal, Slips
+from factors.measurements.track_cost import TrackCost, TrackObservations, taken_back
 from factors.packed import (
     COL,
     ROW,
@@ -32,7 +33,8 @@ def track_normal_equations(joint: Joint, q: Array, cost: TrackCost) -> tuple[Arr
     W = cost.information
     T, _, N = W.shape
     adjoint, G = joint.adjoint_of_return(q), twist_jacobian(cost.x_joint)
-    We = times(W, cost.z_joint - cost.x_joint)
+    e = cost.z_joint - cost.x_joint
+    We = times(W, e)
     H, g = _with_latent_points_held(joint, q, adjoint, W, We, G)
     # What couples a point to the variables, one row each, and what is left of its own gradient.
     rows = np.empty((len(g) + 1, 3, N))
@@ -45,13 +47,13 @@ def track_normal_equations(joint: Joint, q: Array, cost: TrackCost) -> tuple[Arr
     rows[-1] = We.sum(axis=0)
     held = times(inverse_and_determinant(W.sum(axis=0))[0][None], rows)
     marginalised = rows[:-1].reshape(len(g), 3 * N) @ held.reshape(len(g) + 1, 3 * N).T
-    if cost.marginal is not None:
-        marginalised += _lasting(joint, q, adjoint, cost, rows, G)[:-1]
+    if cost.lasting is not None:
+        marginalised += _lasting(joint, q, adjoint, cost.lasting, e, rows, G)[:-1]
     return H - marginalised[:, :-1], g - marginalised[:, -1]
 
 
 def _lasting(
-    joint: Joint, q: Array, adjoint: Array, cost: TrackCost, rows: Array, G: Array
+    joint: Joint, q: Array, adjoint: Array, lasting: Marginal, e: Array, rows: Array, G: Array
 ) -> Array:
     """(d + 1, d + 1) what marginalising the errors that last takes, the gradient's row last.
 
@@ -59,23 +61,20 @@ def _lasting(
         joint: the joint.
         q: (T,) states.
         adjoint: (T, 6, 6) of each frame's return.
-        cost: with errors that last.
+        lasting: the errors.
+        e: (T, 3, N) what is left of all errors.
         rows: (d + 1, 3, N) on the latent points.
         G: (3, 6, N) twist Jacobians.
     """
-    assert cost.slips is not None
-    assert cost.marginal is not None
-    marginal, some = cost.marginal, cost.slips.tracks
-    Ws, T = marginal.weighted, q.size
-    by_twist = np.einsum("mtil,ijl->tjml", Ws, G[..., some])  # (T, 6, M, L)
+    some, T = lasting.modes.tracks, q.size
+    by_twist = lasting.by_twists(G)
     own = np.empty((len(rows), *by_twist.shape[2:]))
     own[:6] = np.einsum("tij,timl->jml", adjoint, by_twist)
     own[6 : 6 + T] = np.einsum("j,tjml->tml", joint.unit_twist, by_twist)
     if joint.kind.has_pitch:
         own[-2] = np.einsum("t,tml->ml", q, by_twist[:, 5])
-    e = cost.z_joint[..., some] - cost.x_joint[:, some]
-    own[-1] = np.einsum("mtil,til->ml", Ws, e) - cost.slips.amount / marginal.modes.sd**2
-    return marginal.taken(marginal.left(own, rows[..., some]))
+    own[-1] = lasting.pull(e[..., some])
+    return lasting.taken(lasting.left(own, rows[..., some]))
 
 
 def _with_latent_points_held(
@@ -202,10 +201,9 @@ def state_step(
         scale: factor on the observations' standard deviations.
         slips: errors that last, held as well.
     """
-    z, information = taken_back(joint, q, tracks)
-    if tracks.lasting is not None and slips is not None:
-        rotation = joint.R_world_joint @ joint.displacement(q)[0]
-        z = tracks.lasting.turned(rotation).without(z, slips.amount)
+    z, information, modes = taken_back(joint, q, tracks)
+    if modes is not None and slips is not None:
+        z = modes.without(z, slips.amount)
     information = information / scale**2
     e = z - x_joint
     information *= weight(squared_length(information, e), dof, 3)[:, None, :]

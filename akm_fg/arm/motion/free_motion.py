@@ -33,7 +33,6 @@ class PlanConfig:
     searches: int = 3  # with other seeds, each twice as fine as the one before
     margins_m: tuple[float, ...] = (0.02, 0.01, 0.0)  # the first at which both ends are free
     limit_margin_rad: float = 0.01  # kept from the soft limits
-    return_rad: float = RETURN_RAD  # beyond a limit, from where the arm goes back inside first
 
 
 class FreeMotionPlanner(Protocol):
@@ -59,9 +58,8 @@ class RrtConnectPlanner:
         """See FreeMotionPlanner. Keeps the largest of the margins at which both ends are free."""
         config = self._config
         inside = np.clip(q_from, Q_MIN, Q_MAX)
-        if 0.0 < np.abs(q_from - inside).max() <= config.return_rad:  # pushed there: back first
+        if 0.0 < np.abs(q_from - inside).max() <= RETURN_RAD:  # pushed there: back first
             onwards = self.plan(inside, q_to)
-            self._settle_margin(inside, q_to)
             if not self._collisions.free_along(np.stack([q_from, inside]), config.step_m):
                 raise MotionInfeasible(f"from joint angles {np.round(q_from, 3)} no way leads back")
             return np.concatenate([q_from[None], onwards])

@@ -35,7 +35,7 @@ def observations_of(tracks: PointTracks, which: NDArray[np.int_]) -> TrackObserv
     sd = np.stack([np.sqrt(_alike(slip[:, which])), np.ones(which.size)])
     modes = LastingModes(which, np.ascontiguousarray(vectors), sd)
     cov_world = tracks.cov_world.copy()
-    cov_world[:, which] = _without(slip, tracks.cov_world)[:, which]
+    cov_world[:, which] = _without(slip[:, which], tracks.cov_world[:, which])
     return TrackObservations.from_points(tracks.p_world, cov_world, modes)
 
 

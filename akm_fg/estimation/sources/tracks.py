@@ -15,9 +15,9 @@ from akm_fg.estimation.sources.source import At, Contribution, NoiseLevel, Part,
 from akm_fg.geometry.joint_guess import TURN_ABOUT_X, JointGuess
 from akm_fg.records import BoolArray, FloatArray
 from factors.joint_variables import JointVariables
+from factors.measurements.lasting_errors import Slips
 from factors.measurements.point_track import point_key, point_track_factor
 from factors.measurements.track_cost import (
-    Slips,
     TrackCost,
     TrackObservations,
     rough_track_cost,
@@ -280,7 +280,7 @@ class TrackTerm(Term):
             d2=cost.d2 * scale**2,
             residual_joint=(cost.z_joint - cost.x_joint).swapaxes(1, 2),
             x_joint=cost.x_joint,
-            slips=cost.slips,
+            slips=None if cost.lasting is None else cost.lasting.slips,
             scale=scale,
             freedom=freedom,
         )

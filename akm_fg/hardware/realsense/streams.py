@@ -67,7 +67,7 @@ class RealSenseStreams:
             CameraFailed: no camera, not with these pictures, or it does not start.
         """
         try:
-            self._start(self._device or self._first(self._rs))
+            self._start(self._device or self._first())
         except RuntimeError as error:
             self._stop()
             raise CameraFailed(f"{self.name} does not start ({_one_line(error)})") from error
@@ -136,8 +136,8 @@ class RealSenseStreams:
         depth_m[raw == 0] = np.nan
         return depth_m
 
-    def _first(self, rs: Any) -> Any:
-        devices = rs.context().query_devices()
+    def _first(self) -> Any:
+        devices = self._rs.context().query_devices()
         if len(devices) == 0:
             raise CameraFailed("no RealSense is connected to this computer")
         return devices[0]

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from akm_fg.perception.fronts.front_planes import BLIND_PX, ObjectCloud, SeenPlane
+from akm_fg.perception.fronts.front_planes import ObjectCloud, SeenPlane, wide_blind
 from akm_fg.records import BoolArray, FloatArray, RgbdFrame
 
 IN_FRONT_M = 0.012  # of the plane: a handle, not what is seen through a gap
@@ -58,8 +58,7 @@ def front_picture(
     u, v = (uv[:, i].reshape(count[1], count[0]).astype(np.float32) for i in (0, 1))
     grey = cv2.cvtColor(frame.rgb, cv2.COLOR_RGB2GRAY)
     seen = cv2.remap(grey, u, v, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
-    blind = np.isnan(frame.depth_m).astype(np.uint8)
-    wide = cv2.morphologyEx(blind, cv2.MORPH_OPEN, np.ones((BLIND_PX,) * 2, np.uint8))
+    wide = wide_blind(frame.depth_m)
     with np.errstate(invalid="ignore"):
         wide[plane.frame.local(cloud.p_world)[..., 2] > IN_FRONT_M] = 1
     unknown = cv2.remap(wide, u, v, cv2.INTER_NEAREST) > 0

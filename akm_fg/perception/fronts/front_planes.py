@@ -203,9 +203,15 @@ def _seen_plane(
 
 def _beside_blind(depth_m: NDArray[np.float32]) -> BoolArray:
     """(H, W) pixels in or beside large places without depth: the robot, or what shines."""
-    blind = (~(depth_m > 0)).astype(np.uint8)
-    wide = cv2.morphologyEx(blind, cv2.MORPH_OPEN, np.ones((BLIND_PX,) * 2, np.uint8))
-    return np.asarray(cv2.dilate(wide, np.ones((5, 5), np.uint8)) > 0)
+    return np.asarray(cv2.dilate(wide_blind(depth_m), np.ones((5, 5), np.uint8)) > 0)
+
+
+def wide_blind(depth_m: NDArray[np.float32]) -> NDArray[np.uint8]:
+    """(H, W) 1 in places without depth that are wider than a gap's shadow."""
+    blind = np.isnan(depth_m).astype(np.uint8)
+    return np.asarray(
+        cv2.morphologyEx(blind, cv2.MORPH_OPEN, np.ones((BLIND_PX,) * 2, np.uint8)), np.uint8
+    )
 
 
 def _axes(

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from factors.measurements.lasting_errors import LastingModes
-from factors.measurements.track_cost import Slips, TrackObservations, track_cost
+from factors.measurements.lasting_errors import LastingModes, Slips
+from factors.measurements.track_cost import TrackObservations, track_cost
 from factors.measurements.track_information import (
     state_step,
     track_normal_equations,
