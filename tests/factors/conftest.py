@@ -95,6 +95,23 @@ def scene():
     return _build
 
 
+def _chained(s: Scene, q: np.ndarray) -> np.ndarray:
+    by_xi, by_state, by_pitch = s.joint.motion_jacobians(q)
+    J = np.zeros((q.size, 6, 6 + q.size + s.joint.kind.has_pitch))
+    J[:, :, :6] = by_xi
+    for t in range(q.size):
+        J[t, :, 6 + t] = by_state[t]
+    if s.joint.kind.has_pitch:
+        J[:, :, -1] = by_pitch
+    return J.reshape(6 * q.size, -1)
+
+
+@pytest.fixture
+def chained():
+    """chained(scene, q): derivative (6 T, d) of the part's motions by the joint's numbers."""
+    return _chained
+
+
 @pytest.fixture
 def world_points():
     """place(kind, T_world_joint, q, x_joint[, pitch])."""

@@ -32,7 +32,7 @@ def _moved(R, t, d):
 
 @pytest.mark.parametrize("isotropic", [True, False])
 def test_chained_to_a_joint_it_is_the_point_track_factors_normal_equations(
-    kind, case, isotropic, scene
+    kind, case, isotropic, scene, chained
 ):
     """At a joint's own motions; with gaps, and the same latent points in both."""
     s = scene(kind, case, isotropic=isotropic, points=8)
@@ -42,14 +42,7 @@ def test_chained_to_a_joint_it_is_the_point_track_factors_normal_equations(
     cost = track_cost(s.joint, q, s.tracks, GAUSSIAN, 1.3)
     H, g = track_normal_equations(s.joint, q, cost)
     motions = motion_information(*s.joint.motion(q), s.tracks, GAUSSIAN, 1.3)
-    by_xi, by_state, by_pitch = s.joint.motion_jacobians(q)
-    J = np.zeros((4, 6, H.shape[0]))
-    J[:, :, :6] = by_xi
-    for t in range(4):
-        J[t, :, 6 + t] = by_state[t]
-    if kind == "helical":
-        J[:, :, -1] = by_pitch
-    J = J.reshape(24, -1)
+    J = chained(s, q)
     assert_allclose(motions.d2, cost.d2, rtol=1e-6, atol=1e-7)
     assert_allclose(J.T @ motions.information @ J, H, atol=1e-7 * H.max())
     assert_allclose(J.T @ motions.gradient, g, atol=1e-6 * np.abs(g).max())

@@ -86,19 +86,12 @@ def test_cost_and_evidence_are_those_of_the_full_covariances(slipping):
     assert_allclose(cost.log_det_latent, log_det, rtol=1e-9)
 
 
-def test_chained_to_a_joint_both_forms_are_one(slipping):
+def test_chained_to_a_joint_both_forms_are_one(slipping, chained):
     s, tracks = slipping
     q = s.q + np.array([0.0, 0.002, -0.003, 0.001])
     H, g = track_normal_equations(s.joint, q, track_cost(s.joint, q, tracks, GAUSSIAN, SCALE))
     form = motion_information(*s.joint.motion(q), tracks, GAUSSIAN, SCALE)
-    by_xi, by_state, by_pitch = s.joint.motion_jacobians(q)
-    J = np.zeros((4, 6, H.shape[0]))
-    J[:, :, :6] = by_xi
-    for t in range(4):
-        J[t, :, 6 + t] = by_state[t]
-    if s.kind == "helical":
-        J[:, :, -1] = by_pitch
-    J = J.reshape(24, -1)
+    J = chained(s, q)
     assert_allclose(J.T @ form.information @ J, H, atol=1e-7 * H.max())
     assert_allclose(J.T @ form.gradient, g, atol=1e-6 * np.abs(g).max())
 
