@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field, replace
 from typing import ClassVar
 
@@ -79,6 +80,25 @@ class GraspConfig:
 
 
 @dataclass(frozen=True, slots=True)
+class HandPathConfig:
+    """How truly a hand that holds a part goes with it; see `akm_fg.stream.hand_path`.
+
+    Read off 12 pulls of `furniture-dev` against the simulator's truth, but for the turn: joint
+    zeros that are 0.05 deg off (`sim.camera.rig`), some four of which turn the hand's path.
+    """
+
+    jitter_m: float = 1.5e-4  # give of arm and pads, new in every frame
+    slip_m_per_sqrt_m: float = 5e-4  # of the held point, as a random walk along the hand's way
+    slip_dof: float = 1.0  # Student-t: a grip settles by millimetres in the first centimetres
+    steady: float = 2e-3  # slip over way, the same all along it
+    turn_rad: float = math.radians(0.1)  # of the whole path, by the joints' zeros
+    lever_m: float = 0.012  # between the hand's point and the one that it turns about in its grasp
+    camera_dof: float = 4.0  # Student-t: how far a camera that claims too much may be overruled
+    most_frames: int = 40  # neighbouring frames of a long pull tell the same
+    iterations: int = 8
+
+
+@dataclass(frozen=True, slots=True)
 class FitConfig:
     """How a fit is done and what counts as an answer."""
 
@@ -105,7 +125,7 @@ class FitConfig:
     still_scale_iterations: int = 1  # of a kind that is out of the race
     scale_tolerance: float = 0.02  # relative change of the noise scale that ends the rounds
     # Of recordings whose camera's calibration errs: the hand's path beside it (`stream.hand_path`).
-    hand_path: GraspConfig | None = field(default_factory=GraspConfig)
+    hand_path: HandPathConfig | None = field(default_factory=HandPathConfig)
     grasp: GraspConfig | None = None  # of recordings; None: the gripper's poses are not used
     moving_noise: float = 1.25  # of a moving part's tracks, over that of a static part's
     moving_noise_sd_log: float = 0.2  # standard deviation of its logarithm, from part to part

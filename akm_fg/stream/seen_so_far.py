@@ -28,7 +28,6 @@ from akm_fg.records import (
     CalibrationErrors,
     CameraCorrection,
     Doubt,
-    FloatArray,
     Recording,
     RgbdFrame,
 )
@@ -189,20 +188,20 @@ class SeenSoFar:
             return posterior, None
         T_cam_joint = first.T_world_cam.inverse().matrix() @ joint.T_world_joint
         length_sd = length_error(T_cam_joint, self._calibration, first.camera)
-        told = None
-        if self.settings.fit.hand_path is not None and self._grasp is not None:
-            posterior, told = with_hand_path(
-                posterior, self._held_hands(), length_sd, self.settings.fit.hand_path
-            )
+        path = self.settings.fit.hand_path
+        if path is not None and self._grasp is not None:
+            held = self._held_hands()
+            posterior, correction = with_hand_path(posterior, seen, held, length_sd, path)
+            if correction is not None:
+                return posterior, correction
         slides = 0.0 if joint.turns else length_sd
-        where, share, share_sd = told or (gtsam.Pose3(), 0.0, slides)
-        return posterior, CameraCorrection(where, seen.cov, share, share_sd)
+        return posterior, CameraCorrection(gtsam.Pose3(), seen.cov, 0.0, slides)
 
-    def _held_hands(self) -> dict[int, FloatArray]:
-        """(3,) of the gripper by the frames of the first stretch in which it holds."""
+    def _held_hands(self) -> dict[int, gtsam.Pose3]:
+        """T_world_gripper by the frames of the first stretch in which it holds."""
         assert self._grasp is not None
         held = range(self._grasp[0], self._grasp[1] + 1)
-        return {k: hand.T_world_gripper.translation() for k in held if (hand := self._hands[k])}
+        return {k: hand.T_world_gripper for k in held if (hand := self._hands[k])}
 
     def _doubts_of_input(self) -> list[Doubt]:
         seen, clip = self._observer, self._clip()
@@ -241,8 +240,7 @@ class SeenSoFar:
         grasp = self.settings.fit.grasp
         if grasp is None or self._grasp is None:
             return posterior
-        held = range(self._grasp[0], self._grasp[1] + 1)
-        hands = {k: hand.T_world_gripper.translation() for k in held if (hand := self._hands[k])}
+        hands = {k: T.translation() for k, T in self._held_hands().items()}
         return with_gripper_states(posterior, hands, grasp, self.settings.stream.gripper_state)
 
     def _given(self, estimator: JointEstimator) -> RecordingFit:
