@@ -14,7 +14,7 @@ from akm_fg.estimation.sources.state_knowledge import StateKnowledge
 from akm_fg.interfaces import ObjectSegmenter, PointTracker
 from akm_fg.perception.config import PerceptionConfig
 from akm_fg.perception.observed import ObservedMotion
-from akm_fg.posterior import ArticulationPosterior
+from akm_fg.posterior import ArticulationPosterior, StatePosterior
 from akm_fg.records import CameraCorrection, Recording
 from akm_fg.stream.config import StreamConfig
 
@@ -29,6 +29,8 @@ class RecordingFit:
     posterior: ArticulationPosterior
     # Of the camera's world, if the posterior is not in it: by a calibration that errs, and a hand.
     correction: CameraCorrection | None = None
+    # The best kind's states, those of frames in which the part is hidden by the hand that holds it.
+    carried: StatePosterior | None = None
 
 
 @dataclass(frozen=True, slots=True)

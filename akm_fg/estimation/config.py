@@ -94,6 +94,9 @@ class HandPathConfig:
     turn_rad: float = math.radians(0.1)  # of the whole path, by the joints' zeros
     lever_m: float = 0.012  # between the hand's point and the one that it turns about in its grasp
     camera_dof: float = 4.0  # Student-t: how far a camera that claims too much may be overruled
+    # Beyond so much, and as much again where a state is vague, what was seen is not what is held.
+    away_m: float = 0.025  # grips slip by up to 8 mm, and turn about what is 1.4 cm away
+    away_sigmas: float = 4.0
     most_frames: int = 40  # neighbouring frames of a long pull tell the same
     iterations: int = 8
 

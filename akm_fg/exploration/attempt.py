@@ -242,7 +242,7 @@ class Trier:
 
     def _ended_early(self, why: str) -> None:
         stretches = self._tried.attempt.stretches
-        if not self._opened_already() and stretches and stretches[-1].state is None:
+        if not self._opened_already() and stretches and not _state_seen(stretches[-1]):
             self._from_aside("it is not seen how far the part has moved")
         if self._opened_already():
             self._end("opened", why)
@@ -332,19 +332,21 @@ class Trier:
             self._observer.stage("  what is seen to move is not what is held: it went too far")
             return None
         self._tried.fit = fit
-        state, sd = float(best.states.mean[-1]), float(best.states.sd[-1])
-        seen = bool(np.isfinite(state))
+        states = best.states if fit.carried is None else fit.carried
+        state, sd = float(states.mean[-1]), float(states.sd[-1])
+        known, seen = bool(np.isfinite(state)), bool(np.isfinite(best.states.mean[-1]))
         frames = len(self._tried.looks)
         stretch = Stretch(
             travel_m=self._travel_m,
             frames=frames,
             kind=str(fit.posterior.kind),
             kind_probability=dict(fit.posterior.kind_probability),
-            state=state if seen else None,
-            state_sd=sd if seen else None,
+            state=state if known else None,
+            state_sd=sd if known else None,
             bounds=bounds_of(best.joint),
-            expected_next=None if not seen else self._foreseen(fit, best.joint, state),
+            expected_next=None if not known else self._foreseen(fit, best.joint, state),
             solve_s=time.process_time() - began,
+            seen=seen,
         )
         self._tried.attempt.stretches.append(stretch)
         self._observer.stretched(self._tried.attempt)
@@ -428,6 +430,10 @@ class Trier:
             return False
         self._look()
         return True
+
+
+def _state_seen(stretch: Stretch) -> bool:
+    return stretch.state is not None and stretch.seen
 
 
 def _cm(distance_m: float) -> str:

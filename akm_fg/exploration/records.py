@@ -59,11 +59,12 @@ class Stretch:
     frames: int  # of the attempt's recording, so far
     kind: str  # `rigid` where nothing moved
     kind_probability: dict[str, float]
-    state: float | None  # m or rad; None where nothing moved or it is not seen
+    state: float | None  # m or rad; None where nothing moved or nothing tells it
     state_sd: float | None
     bounds: Bounds | None
     expected_next: Bounds | None  # after a further stretch, foreseen now
     solve_s: float  # of processor time
+    seen: bool = True  # the state, by the camera; else the hand that holds the part tells it
 
     @property
     def turns(self) -> bool:

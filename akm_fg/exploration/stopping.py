@@ -45,8 +45,8 @@ def met(bounds: Bounds, need: Need) -> bool:
 
 
 def moved_enough(stretch: Stretch, need: Need) -> bool:
-    """Whether the part has surely been opened by what counts."""
-    if stretch.state is None or stretch.state_sd is None:
+    """Whether the part is surely seen to have been opened by what counts."""
+    if stretch.state is None or stretch.state_sd is None or not stretch.seen:
         return False
     least = need.moved_rad if stretch.turns else need.moved_m
     return abs(stretch.state) - need.sure_sd * stretch.state_sd > least

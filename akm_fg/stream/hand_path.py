@@ -13,17 +13,28 @@ xi_seen given xi_world is G xi_world + N(0, P_seen - G P_seen) with G = P_seen P
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import gtsam
 import numpy as np
 
-from akm_fg.estimation.config import HandPathConfig
+from akm_fg.estimation.config import GraspConfig, HandPathConfig
 from akm_fg.posterior import ArticulationPosterior, JointPosterior, StatePosterior
 from akm_fg.records import CameraCorrection, FloatArray
+from akm_fg.stream.gripper_state import with_gripper_states
 from akm_fg.stream.held_point import HeldPath, JointByHand, joint_by_hand, moved
 
 LEAST_FRAMES = 6  # of the hold with a state: fewer tell less than they may mislead
+HIDDEN_M = 0.1  # along its way, that nothing but the hand says where a hidden part is
+
+
+@dataclass(frozen=True, slots=True)
+class ToldByHand:
+    """A posterior with what the hand told."""
+
+    posterior: ArticulationPosterior
+    correction: CameraCorrection  # by how much the camera's world is off
+    carried: StatePosterior  # its states, and those of hidden frames as the hand has them
 
 
 def with_hand_path(
@@ -32,10 +43,12 @@ def with_hand_path(
     hands: Mapping[int, gtsam.Pose3],
     length_sd: float,
     config: HandPathConfig,
-) -> tuple[ArticulationPosterior, CameraCorrection | None]:
+) -> ToldByHand | None:
     """The best kind's joint, and the scale of its states, with what the hand tells.
 
-    Second comes by how much the camera's world is off; None where the hand tells nothing.
+    States that are nowhere near where the hand was are left out: what depth shows there is
+    something else. Frames in which the part is hidden tell the joint too, but not where along its
+    way the part is.
 
     Args:
         posterior: by the camera, its calibration's errors in the covariances.
@@ -43,36 +56,101 @@ def with_hand_path(
         hands: T_world_gripper by the frames in which it holds.
         length_sd: relative, of lengths as the camera sees them along a slid joint.
         config: the hand's noise.
+
+    Returns:
+        None where the hand tells nothing.
     """
     best = posterior.best
     if best.joint is None or best.states is None:
-        return posterior, None
-    path = _path_of(best.states, hands, config.most_frames)
-    if path is None:
-        return posterior, None
+        return None
+    states, most = _near_the_hand(best.joint, best.states, hands, config), config.most_frames
+    known = _frames(states, hands)
+    if len(known) < LEAST_FRAMES:
+        return None
     slides = 0.0 if best.joint.turns else length_sd
-    told = joint_by_hand(best.joint, path, slides, config)
-    states = best.states
+    told = joint_by_hand(best.joint, _path_of(states, hands, known, most), slides, config)
+    by_seen = _with(posterior, told, states, slides)
+    hidden = _by_hand(by_seen, hands)
+    carried = _frames(hidden, hands)
+    if len(carried) > len(known):
+        path = _path_of(_vague_where_hidden(told, hidden, states, hands), hands, carried, most)
+        told = joint_by_hand(best.joint, path, slides, config)
+        by_seen = _with(posterior, told, states, slides)
+        hidden = _by_hand(by_seen, hands)
+    return ToldByHand(by_seen, _shared_out(best.joint, seen, told, slides > 0.0), hidden)
+
+
+def _near_the_hand(
+    joint: JointPosterior,
+    states: StatePosterior,
+    hands: Mapping[int, gtsam.Pose3],
+    config: HandPathConfig,
+) -> StatePosterior:
+    """The states, NaN where the part would be elsewhere than the hand that holds it."""
+    known = _frames(states, hands)
+    if not known:
+        return states
+    q, p = states.mean[known], np.array([hands[k].translation() for k in known])
+    R, t = joint.joint.motion(q)
+    x = np.median(np.einsum("tji,tj->ti", R, p - t), axis=0)
+    off_m = np.linalg.norm(p - R @ x - t, axis=1)
+    vague_m = np.linalg.norm(joint.joint.velocity(p), axis=1) * states.sd[known]
+    far = off_m > config.away_m + np.minimum(config.away_sigmas * vague_m, config.away_m)
+    if 2 * far.sum() > far.size:
+        return states  # which of the two is astray is not to be told
+    mean, sd = states.mean.copy(), states.sd.copy()
+    mean[np.array(known)[far]], sd[np.array(known)[far]] = np.nan, np.nan
+    return replace(states, mean=mean, sd=sd)
+
+
+def _frames(states: StatePosterior, hands: Mapping[int, gtsam.Pose3]) -> list[int]:
+    return [k for k in sorted(hands) if np.isfinite(states.mean[k])]
+
+
+def _path_of(
+    states: StatePosterior, hands: Mapping[int, gtsam.Pose3], frames: list[int], most: int
+) -> HeldPath:
+    if len(frames) > most:
+        frames = [frames[k] for k in np.linspace(0, len(frames) - 1, most).round().astype(int)]
+    T_world_hand = np.array([hands[k].matrix() for k in frames])
+    return HeldPath(states.mean[frames], states.sd[frames], T_world_hand)
+
+
+def _with(
+    posterior: ArticulationPosterior, told: JointByHand, states: StatePosterior, slides: float
+) -> ArticulationPosterior:
+    """With the joint that was told, and slid states in its lengths."""
     if slides > 0.0:
         own = np.sqrt(np.maximum(states.sd**2 - (slides * states.mean) ** 2, 0.0))
         sd = np.hypot(own, told.length_share_sd * states.mean)
         states = replace(states, mean=(1.0 + told.length_share) * states.mean, sd=sd)
-    kind = replace(best, joint=told.joint, states=states)
+    kind = replace(posterior.best, joint=told.joint, states=states)
     alternatives = {**posterior.alternatives, str(told.joint.kind): kind}
-    correction = _shared_out(best.joint, seen, told, slides > 0.0)
-    return replace(posterior, alternatives=alternatives), correction
+    return replace(posterior, alternatives=alternatives)
 
 
-def _path_of(
-    states: StatePosterior, hands: Mapping[int, gtsam.Pose3], most: int
-) -> HeldPath | None:
-    known = [k for k in sorted(hands) if np.isfinite(states.mean[k])]
-    if len(known) < LEAST_FRAMES:
-        return None
-    if len(known) > most:
-        known = [known[k] for k in np.linspace(0, len(known) - 1, most).round().astype(int)]
-    T_world_hand = np.array([hands[k].matrix() for k in known])
-    return HeldPath(states.mean[known], states.sd[known], T_world_hand)
+def _by_hand(posterior: ArticulationPosterior, hands: Mapping[int, gtsam.Pose3]) -> StatePosterior:
+    """States with those of hidden frames by where the hand was."""
+    places = {k: T.translation() for k, T in hands.items()}
+    states = with_gripper_states(posterior, places, GraspConfig()).best.states
+    assert states is not None
+    return states
+
+
+def _vague_where_hidden(
+    told: JointByHand,
+    carried: StatePosterior,
+    states: StatePosterior,
+    hands: Mapping[int, gtsam.Pose3],
+) -> StatePosterior:
+    """In the camera's lengths; what the hand itself told of a state tells the joint nothing."""
+    mean, sd = states.mean.copy(), states.sd.copy()
+    for k in hands:
+        if not np.isfinite(mean[k]) and np.isfinite(carried.mean[k]):
+            way = told.joint.joint.velocity(hands[k].translation())
+            mean[k] = carried.mean[k] / (1.0 + told.length_share)
+            sd[k] = HIDDEN_M / max(float(np.linalg.norm(way)), 1e-6)
+    return replace(states, mean=mean, sd=sd)
 
 
 def _shared_out(

@@ -167,35 +167,32 @@ class SeenSoFar:
             except np.linalg.LinAlgError as error:
                 open_ = f"{self.name}: the data leave a joint or state open ({error})"
                 raise told_with(AxisUnobservable(open_), self._doubts_of_input()) from error
-            posterior, correction = self._calibrated(self._checked(fit).posterior)
+            fit = self._calibrated(self._checked(fit))
         fit_s = time.perf_counter() - began
         watching_s = self._watching_s
         times = {"total": watching_s + fit_s, "perception": watching_s, "fit": fit_s}
-        timed = replace(posterior, time_s=times)
-        return replace(fit, posterior=timed, correction=correction)
+        return replace(fit, posterior=replace(fit.posterior, time_s=times))
 
-    def _calibrated(
-        self, posterior: ArticulationPosterior
-    ) -> tuple[ArticulationPosterior, CameraCorrection | None]:
+    def _calibrated(self, fit: RecordingFit) -> RecordingFit:
         """With what is not known of the camera, and by how much the hand puts it off."""
         if self._calibration is None:
-            return posterior, None
-        seen = posterior.best.joint
+            return fit
+        seen = fit.posterior.best.joint
         first = self._observer.kept.frames[0]
-        posterior = calibrated(posterior, self._calibration, first.T_world_cam, first.camera)
+        posterior = calibrated(fit.posterior, self._calibration, first.T_world_cam, first.camera)
         joint = posterior.best.joint
         if seen is None or joint is None:
-            return posterior, None
+            return replace(fit, posterior=posterior)
         T_cam_joint = first.T_world_cam.inverse().matrix() @ joint.T_world_joint
         length_sd = length_error(T_cam_joint, self._calibration, first.camera)
         path = self.settings.fit.hand_path
         if path is not None and self._grasp is not None:
-            held = self._held_hands()
-            posterior, correction = with_hand_path(posterior, seen, held, length_sd, path)
-            if correction is not None:
-                return posterior, correction
+            told = with_hand_path(posterior, seen, self._held_hands(), length_sd, path)
+            if told is not None:
+                return RecordingFit(fit.observed, told.posterior, told.correction, told.carried)
         slides = 0.0 if joint.turns else length_sd
-        return posterior, CameraCorrection(gtsam.Pose3(), seen.cov, 0.0, slides)
+        correction = CameraCorrection(gtsam.Pose3(), seen.cov, 0.0, slides)
+        return replace(fit, posterior=posterior, correction=correction)
 
     def _held_hands(self) -> dict[int, gtsam.Pose3]:
         """T_world_gripper by the frames of the first stretch in which it holds."""

@@ -3,7 +3,7 @@ from dataclasses import replace
 import numpy as np
 
 from akm_fg.exploration.records import Bounds, Stretch
-from akm_fg.exploration.stopping import StopConfig, by_threshold, enough
+from akm_fg.exploration.stopping import StopConfig, by_threshold, enough, moved_enough
 from akm_fg.records import PointTracks
 
 RULES = StopConfig()
@@ -84,3 +84,9 @@ def test_a_part_that_was_far_and_is_no_longer_seen_was_opened_all_the_same():
     unseen = replace(stretch(GOOD, None), state=None, state_sd=None)
     assert enough([stretch(VAGUE, BETTER), unseen], RULES) is not None
     assert enough([unseen], RULES) is None
+
+
+def test_what_only_the_hand_tells_is_not_called_opened():
+    assert moved_enough(stretch(GOOD, None), RULES.need)
+    assert not moved_enough(replace(stretch(GOOD, None), seen=False), RULES.need)
+    assert enough([replace(stretch(GOOD, None), seen=False)], RULES) is None

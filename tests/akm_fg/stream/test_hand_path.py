@@ -76,6 +76,12 @@ def told(posterior: ArticulationPosterior, hands, length_sd=0.0, config=HAND):
     return with_hand_path(posterior, before, hands, length_sd, config)
 
 
+def hidden(posterior: ArticulationPosterior, frames: slice) -> ArticulationPosterior:
+    mean, sd = (x.copy() for x in (posterior.best.states.mean, posterior.best.states.sd))
+    mean[frames], sd[frames] = np.nan, np.nan
+    return posterior.with_states(mean, sd)
+
+
 def off_truth(joint: JointPosterior) -> np.ndarray:
     xi = gtsam.Pose3.Logmap(gtsam.Pose3(joint.T_world_joint).between(PLACE))
     return xi[list(joint.kind.observable)]
@@ -111,7 +117,7 @@ def test_the_hands_path_betters_the_joint_and_its_covariance_is_true(kind):
             )
             for k, T in hands.items()
         }
-        joint = told(posterior, hands, length_sd)[0].best.joint
+        joint = told(posterior, hands, length_sd).posterior.best.joint
         off = off_truth(joint)
         nees.append(off @ np.linalg.solve(joint.cov[np.ix_(known, known)], off))
         shrunk.append(joint.axis_sd_rad / posterior.best.joint.axis_sd_rad)
@@ -127,7 +133,7 @@ def test_a_drawers_length_is_the_hands_where_the_camera_does_not_know_its_scale(
     best = posterior.best
     wide = replace(best, states=replace(best.states, sd=np.hypot(1e-4, 0.02 * q)))
     posterior = replace(posterior, alternatives={"prismatic": wide})
-    there = told(posterior, held(kind, 1.03 * q), 0.02)[0].best.states
+    there = told(posterior, held(kind, 1.03 * q), 0.02).posterior.best.states
     assert there.mean[-1] == pytest.approx(0.309, abs=1e-3)
     assert there.sd[-1] < 0.3 * wide.states.sd[-1]
 
@@ -138,7 +144,7 @@ def test_a_grip_that_settles_is_believed_once_it_holds(kind):
     settled = np.minimum(np.arange(q.size) / 5.0, 1.0)[:, None] * np.array([3e-3, -4e-3, 4e-3])
     xi = np.array([0.03, -0.02, 0, 0, 0, 0])
     posterior = seen(kind, astray(kind, xi), spread(kind), q)
-    joint = told(posterior, held(kind, q, slipped=settled))[0].best.joint
+    joint = told(posterior, held(kind, q, slipped=settled)).posterior.best.joint
     assert np.abs(off_truth(joint)[:2]).max() < math.radians(0.5)
     assert np.abs(xi[:2]).max() > math.radians(1.0)
 
@@ -150,9 +156,9 @@ def test_a_hand_that_turns_in_its_grasp_does_not_move_the_hinge():
     lag = -q[:, None] * axis_in_hand
     hands = held(kind, q, np.array([0.01, 0.004, 0.012]), 0.8 * lag)
     posterior = seen(kind, PLACE, spread(kind), q)
-    joint = told(posterior, hands)[0].best.joint
+    joint = told(posterior, hands).posterior.best.joint
     assert np.abs(off_truth(joint)[2:]).max() < 1.5e-3
-    rigid = told(posterior, hands, config=replace(HAND, lever_m=1e-6))[0].best.joint
+    rigid = told(posterior, hands, config=replace(HAND, lever_m=1e-6)).posterior.best.joint
     assert np.abs(off_truth(rigid)[2:]).max() > 4e-3
 
 
@@ -162,7 +168,7 @@ def test_a_camera_that_claims_too_much_is_overruled_and_both_are_widened(kind):
     xi = np.array([0.04, -0.03, 0, 0, 0, 0])
     cov = spread(kind) / 25.0  # 0.2 deg: it is ten deviations off
     posterior = seen(kind, astray(kind, xi), cov, q)
-    joint = told(posterior, held(kind, q))[0].best.joint
+    joint = told(posterior, held(kind, q)).posterior.best.joint
     off = off_truth(joint)[:2]
     assert np.abs(off).max() < math.radians(0.7)
     assert (off / np.sqrt(np.diag(joint.cov)[:2])).max() < 2.5
@@ -174,8 +180,8 @@ def test_a_hand_that_slides_is_believed_no_more_than_it_slides():
     posterior = seen(kind, PLACE, spread(kind), q)
     to_and_fro = np.array([[0.0, 0.0, 0.15 * (k % 5)] for k in range(q.size)])
     before = posterior.best.joint
-    steady = told(posterior, held(kind, q))[0].best.joint
-    sliding = told(posterior, held(kind, q, slipped=to_and_fro))[0].best.joint
+    steady = told(posterior, held(kind, q)).posterior.best.joint
+    sliding = told(posterior, held(kind, q, slipped=to_and_fro)).posterior.best.joint
     assert sliding.pivot_sd_m > 0.9 * before.pivot_sd_m
     assert steady.pivot_sd_m < 0.4 * before.pivot_sd_m
 
@@ -188,7 +194,7 @@ def test_a_correction_is_the_calibrations_or_the_fits_as_they_are_known(kind):
     posterior = seen(kind, astray(kind, xi), cov, q)
     sure = replace(posterior.best.joint, cov=1e-4 * cov)
     for of_fit, turned in ((sure, 0.02), (posterior.best.joint, 0.0)):
-        _, correction = with_hand_path(posterior, of_fit, held(kind, q), 0.0, HAND)
+        correction = with_hand_path(posterior, of_fit, held(kind, q), 0.0, HAND).correction
         way = gtsam.Rot3.Logmap(correction.T_world_seen.rotation())
         assert np.linalg.norm(way) == pytest.approx(turned * math.sqrt(1.25), abs=4e-3)
         own = correction.cov_seen_joint[np.ix_(known, known)]
@@ -198,4 +204,32 @@ def test_a_correction_is_the_calibrations_or_the_fits_as_they_are_known(kind):
 
 def test_without_frames_that_hold_nothing_changes():
     posterior = seen(JointKind.REVOLUTE, PLACE, spread(JointKind.REVOLUTE), np.linspace(0, 0.6, 9))
-    assert told(posterior, {0: HAND_AT, 1: HAND_AT}) == (posterior, None)
+    assert told(posterior, {0: HAND_AT, 1: HAND_AT}) is None
+
+
+def test_a_door_that_is_hidden_later_is_known_by_the_hand_that_goes_on_with_it():
+    kind = JointKind.REVOLUTE
+    q = np.linspace(0.0, 1.2, 40)
+    posterior = seen(kind, astray(kind, np.array([0.02, 0.01, 0, 0, 0, 0])), spread(kind), q)
+    half = hidden(posterior, slice(16, None))
+    hands = held(kind, q)
+    short = told(half, {k: hands[k] for k in range(16)})
+    whole = told(half, hands)
+    assert whole.posterior.best.joint.axis_sd_rad < 0.75 * short.posterior.best.joint.axis_sd_rad
+    assert np.abs(off_truth(whole.posterior.best.joint)[:2]).max() < math.radians(0.4)
+    assert np.isnan(whole.posterior.best.states.mean[16:]).all()  # nobody saw them
+    assert whole.carried.mean == pytest.approx(q, abs=0.02)
+    assert (np.abs(whole.carried.mean - q) < 3 * whole.carried.sd)[16:].all()
+
+
+def test_states_that_are_nowhere_near_the_hand_are_left_out():
+    kind = JointKind.REVOLUTE
+    q = np.linspace(0.0, 1.2, 40)
+    wrong = q.copy()
+    wrong[30:] = -1.5
+    posterior = seen(kind, PLACE, spread(kind), wrong)
+    found = told(posterior, held(kind, q))
+    assert np.isnan(found.posterior.best.states.mean[30:]).all()
+    assert found.posterior.best.states.mean[:30] == pytest.approx(q[:30])
+    assert found.carried.mean[30:] == pytest.approx(q[30:], abs=0.02)
+    assert np.abs(off_truth(found.posterior.best.joint)[:2]).max() < math.radians(0.3)
