@@ -97,6 +97,7 @@ class HandPathConfig:
     # Beyond so much, and as much again where a state is vague, what was seen is not what is held.
     away_m: float = 0.025  # grips slip by up to 8 mm, and turn about what is 1.4 cm away
     away_sigmas: float = 4.0
+    kind_nats: float = 3.6  # that it says at most of turning against sliding: wrong on 2 of 75
     most_frames: int = 40  # neighbouring frames of a long pull tell the same
     iterations: int = 8
 

@@ -27,6 +27,7 @@ from akm_fg.perception.moving_part.following import following
 from akm_fg.perception.observed import ObservedMotion
 from akm_fg.perception.surface.changed_surface import ChangedSurface
 from akm_fg.perception.surface.remembered_planes import RememberedPlanes
+from akm_fg.posterior import ArticulationPosterior
 from akm_fg.records import BoolArray, FloatArray, Recording
 from akm_fg.stages import ModelSettings
 from akm_fg.steps import Steps
@@ -34,6 +35,8 @@ from akm_fg.stream.surface_state import with_surface_states
 from factors.joint import Joint, JointKind
 
 log = logging.getLogger(__name__)
+
+EITHER = 1e-3  # by which what fitted best stays ahead of a rival that explains as much
 
 
 @dataclass(frozen=True, slots=True)
@@ -217,8 +220,25 @@ def _against_its_rival(start: _Start, answer: _Answer) -> Steps[_Answer]:
     if other.turns == answer.turns or -more > clearly:
         return answer
     reason = "by depth alone the part may turn or slide; expected texture on it, or a longer way"
-    fitted = replace(answer.fitted, posterior=silenced(answer.fitted.posterior, reason))
-    return replace(answer, fitted=fitted)
+    either = _either(answer.fitted.posterior, reason)
+    return replace(answer, fitted=replace(answer.fitted, posterior=either))
+
+
+def _either(posterior: ArticulationPosterior, reason: str) -> ArticulationPosterior:
+    """The answer, turning and sliding as probable as each other; what is best stays best."""
+    best = posterior.best.joint
+    assert best is not None
+    moving = {k: a.joint for k, a in posterior.alternatives.items() if a.joint is not None}
+    alike = [k for k, joint in moving.items() if joint.turns == best.turns]
+    others = [k for k in moving if k not in alike]
+    probability = dict(posterior.kind_probability)
+    total = sum(probability[k] for k in moving)
+    for some, half in ((alike, 0.5 + EITHER), (others, 0.5 - EITHER)):
+        own = sum(probability[k] for k in some)
+        for k in some:
+            share = probability[k] / own if own > 0.0 else 1.0 / len(some)
+            probability[k] = total * half * share
+    return silenced(replace(posterior, kind_probability=probability), reason)
 
 
 def _rival(fitted: FittedKinds) -> tuple[JointGuess, BoolArray] | None:

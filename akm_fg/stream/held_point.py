@@ -20,6 +20,7 @@ from dataclasses import dataclass, replace
 
 import gtsam
 import numpy as np
+from scipy.special import gammaln
 
 from akm_fg.estimation.config import HandPathConfig
 from akm_fg.posterior import JointPosterior
@@ -59,6 +60,7 @@ class JointByHand:
     length_share: float  # lengths along a slid joint are 1 + this times what was seen
     length_share_sd: float
     camera_widened: float  # by which the prior's covariance had to be multiplied, no less than 1
+    log_evidence: float  # of the path, by Laplace; between joints of the same frames
 
 
 @dataclass(slots=True)
@@ -68,6 +70,21 @@ class _Variances:
     step: FloatArray  # (T - 1, 3) m^2
     steady: FloatArray  # (3,)
     camera: float = 1.0
+
+
+@dataclass(frozen=True, slots=True)
+class _Said:
+    """What the path says of the unknowns: normal equations, and what they leave out."""
+
+    matrix: FloatArray  # (n, n)
+    vector: FloatArray  # (n,)
+    power: float  # of the residuals, whitened
+    log_det: float  # of their weights
+
+    def log_likelihood(self, found: FloatArray) -> float:
+        """At the unknowns that were found; 2 pi left out, which all joints have alike."""
+        misfit = self.power - 2.0 * found @ self.vector + found @ self.matrix @ found
+        return 0.5 * (self.log_det - float(misfit))
 
 
 class _Unknowns:
@@ -103,20 +120,26 @@ def joint_by_hand(
     now = replace(own)
     z: FloatArray = np.zeros(at.length + 1)
     cov: FloatArray = prior
+    log_evidence = 0.0
     for _ in range(config.iterations):
         here = moved(joint.joint, known, z[: at.length])
-        information, told = _normal_equations(here, known, path, float(z[-1]), at, config)
-        information += _prior_information(weight, now, at, config)
+        said = _normal_equations(here, known, path, float(z[-1]), at, config)
+        told = said.vector.copy()
         told[at.joint] -= weight @ z / now.camera
+        information = said.matrix + _prior_information(weight, now, at, config)
         cov = np.asarray(np.linalg.inv(information), dtype=np.float64)
         found = cov @ told
         z = z + found[at.joint]
+        log_evidence = said.log_likelihood(found) + 0.5 * float(np.linalg.slogdet(cov)[1])
+        log_evidence += _log_prior(own, found, z, weight, at, config)
         now = _explained(own, found, cov, z, weight, at, config)
     d = at.length
     whole = joint.cov.copy()
     whole[np.ix_(known, known)] = 0.5 * (cov[:d, :d] + cov[:d, :d].T)
     there = replace(joint, joint=moved(joint.joint, known, z[:d]), cov=whole)
-    return JointByHand(there, z[:d], float(z[d]), float(np.sqrt(cov[d, d])), now.camera)
+    return JointByHand(
+        there, z[:d], float(z[d]), float(np.sqrt(cov[d, d])), now.camera, log_evidence
+    )
 
 
 def moved(joint: Joint, known: list[int], xi: FloatArray) -> Joint:
@@ -134,8 +157,8 @@ def _normal_equations(
     kappa: float,
     at: _Unknowns,
     config: HandPathConfig,
-) -> tuple[FloatArray, FloatArray]:
-    """A (n, n), b (n,) of the unknowns, increments of xi and kappa, residuals in the part."""
+) -> _Said:
+    """Of the unknowns, increments of xi and kappa among them; residuals are in the part."""
     frames, q = len(path.q), (1.0 + kappa) * path.q
     R, t = joint.motion(q)
     by_xi, by_q, _ = joint.motion_jacobians(q)
@@ -160,7 +183,10 @@ def _normal_equations(
     W = np.linalg.inv(config.jitter_m**2 * np.eye(3) + along)
     weighed = (W @ J).reshape(-1, at.size)
     flat = J.reshape(-1, at.size)
-    return flat.T @ weighed, weighed.T @ (in_part - x).ravel()
+    off = in_part - x
+    power = float(np.einsum("ti,tij,tj->", off, W, off))
+    log_det = float(np.linalg.slogdet(W)[1].sum())
+    return _Said(flat.T @ weighed, weighed.T @ off.ravel(), power, log_det)
 
 
 def _prior_information(
@@ -175,6 +201,32 @@ def _prior_information(
     others = np.arange(at.joint.stop, at.size)
     information[others, others] = 1.0 / variance[others]
     return information
+
+
+def _log_prior(
+    own: _Variances,
+    found: FloatArray,
+    z: FloatArray,
+    weight: FloatArray,
+    at: _Unknowns,
+    config: HandPathConfig,
+) -> float:
+    """Log density of the unknowns before the path, but for what all joints have alike."""
+    d, dof = at.length, config.camera_dof
+    by_camera = np.linalg.inv(np.linalg.inv(weight)[:d, :d])
+    off = float(z[:d] @ by_camera @ z[:d])
+    joint = gammaln((dof + d) / 2) - 0.5 * d * np.log(0.5 * dof)  # 2 pi as above
+    joint += 0.5 * np.linalg.slogdet(by_camera)[1] - 0.5 * (dof + d) * np.log1p(off / dof)
+    scale = 0.5 * np.log(weight[d, d]) - 0.5 * weight[d, d] * z[d] ** 2
+    turn = -0.5 * float((found[at.turn] ** 2).sum()) / config.turn_rad**2
+    lever = -0.5 * float((found[at.lever] ** 2).sum()) / config.lever_m**2
+    steady = _log_t(found[at.steady], own.steady, STEADY_DOF)
+    steps = _log_t(found[at.steps], own.step.ravel(), config.slip_dof)
+    return float(joint + scale) + turn + lever + steady + steps
+
+
+def _log_t(x: FloatArray, variance: FloatArray, dof: float) -> float:
+    return -0.5 * (dof + 1.0) * float(np.log1p(x**2 / (dof * variance)).sum())
 
 
 def _explained(

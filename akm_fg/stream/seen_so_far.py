@@ -36,8 +36,10 @@ from akm_fg.steps import Steps, to_end
 from akm_fg.stream.gripper_state import with_gripper_states
 from akm_fg.stream.hand_path import with_hand_path
 from akm_fg.stream.joint_estimate import JointEstimate, estimate_in_steps
+from akm_fg.stream.kinds_by_hand import with_kinds_by_hand
 from akm_fg.stream.rig_doubts import RigDoubts, told_with
 from akm_fg.stream.surface_state import with_surface_states
+from factors.joint import JointKind
 
 
 @dataclass(frozen=True, slots=True)
@@ -167,27 +169,33 @@ class SeenSoFar:
             except np.linalg.LinAlgError as error:
                 open_ = f"{self.name}: the data leave a joint or state open ({error})"
                 raise told_with(AxisUnobservable(open_), self._doubts_of_input()) from error
-            fit = self._calibrated(self._checked(fit))
+            fit = self._calibrated(*self._checked(fit))
         fit_s = time.perf_counter() - began
         watching_s = self._watching_s
         times = {"total": watching_s + fit_s, "perception": watching_s, "fit": fit_s}
         return replace(fit, posterior=replace(fit.posterior, time_s=times))
 
-    def _calibrated(self, fit: RecordingFit) -> RecordingFit:
-        """With what is not known of the camera, and by how much the hand puts it off."""
+    def _calibrated(self, fit: RecordingFit, free: bool) -> RecordingFit:
+        """With what is not known of the camera, and what the hand that holds tells."""
         if self._calibration is None:
             return fit
-        seen = fit.posterior.best.joint
-        first = self._observer.kept.frames[0]
+        first, config = self._observer.kept.frames[0], self.settings.fit
         posterior = calibrated(fit.posterior, self._calibration, first.T_world_cam, first.camera)
+        held = self._held_hands() if config.hand_path is not None else {}
+        slide = posterior.alternatives.get(str(JointKind.PRISMATIC))
+        length_sd = 0.0
+        if slide is not None and slide.joint is not None:
+            T_cam_joint = first.T_world_cam.inverse().matrix() @ slide.joint.T_world_joint
+            length_sd = length_error(T_cam_joint, self._calibration, first.camera)
+        if config.hand_path is not None:
+            posterior = with_kinds_by_hand(posterior, held, length_sd, config, free)
         joint = posterior.best.joint
-        if seen is None or joint is None:
+        if joint is None:
             return replace(fit, posterior=posterior)
-        T_cam_joint = first.T_world_cam.inverse().matrix() @ joint.T_world_joint
-        length_sd = length_error(T_cam_joint, self._calibration, first.camera)
-        path = self.settings.fit.hand_path
-        if path is not None and self._grasp is not None:
-            told = with_hand_path(posterior, seen, self._held_hands(), length_sd, path)
+        seen = fit.posterior.alternatives[str(joint.kind)].joint
+        assert seen is not None
+        if config.hand_path is not None:
+            told = with_hand_path(posterior, seen, held, length_sd, config.hand_path)
             if told is not None:
                 return RecordingFit(fit.observed, told.posterior, told.correction, told.carried)
         slides = 0.0 if joint.turns else length_sd
@@ -196,8 +204,8 @@ class SeenSoFar:
 
     def _held_hands(self) -> dict[int, gtsam.Pose3]:
         """T_world_gripper by the frames of the first stretch in which it holds."""
-        assert self._grasp is not None
-        held = range(self._grasp[0], self._grasp[1] + 1)
+        first, last = (0, -1) if self._grasp is None else self._grasp
+        held = range(first, last + 1)
         return {k: hand.T_world_gripper for k in held if (hand := self._hands[k])}
 
     def _doubts_of_input(self) -> list[Doubt]:
@@ -209,12 +217,13 @@ class SeenSoFar:
         share = self.settings.perception.rig.without_depth
         return unseen_doubts(self._clip().frames, self._observer.object_mask, share)
 
-    def _checked(self, fit: RecordingFit) -> RecordingFit:
-        """With what speaks against it."""
+    def _checked(self, fit: RecordingFit) -> tuple[RecordingFit, bool]:
+        """With what speaks against it; whether nothing of that takes its ground away."""
         noise, posterior = self._observer.config.noise, fit.posterior
         doubts = self._doubts_of_input()
         doubts += self._rig.of_answer(self._clip(), self.numbers, posterior, noise)
-        return replace(fit, posterior=doubted(posterior, doubts))
+        free = not any(doubt.decides for doubt in doubts)
+        return replace(fit, posterior=doubted(posterior, doubts)), free
 
     def _estimated(self) -> RecordingFit:
         """By the default estimator; frames that are not kept get their states beside the graph."""
