@@ -21,6 +21,7 @@ from akm_fg.exploration.mobile_points import mobile_tracks, part_points
 from akm_fg.exploration.processor_time import taking
 from akm_fg.exploration.records import Attempt, Bounds, Hypothesis, Outcome, Stretch
 from akm_fg.exploration.stopping import by_threshold, enough, moved_enough
+from akm_fg.grasping.pushed_aside import PushedAside
 from akm_fg.interfaces import Arm, Camera
 from akm_fg.io.recording_depth import as_stored
 from akm_fg.planning.opening_path import plan_opening
@@ -145,11 +146,8 @@ class Trier:
         """
         attempt, refusal = self._tried.attempt, None
         for T_world_grasp in grasps[: self._config.pull.most_grasps]:
-            motion = self._arm.grasp(T_world_grasp, self._tick_s, self._feel_m)
             try:
-                with taking(self._time_s, "reach"):
-                    for _ in motion:
-                        attempt.pulled, attempt.T_world_grasp = True, T_world_grasp
+                self._reach(T_world_grasp)
             except MotionInfeasible as error:
                 attempt.grasps_refused += 1
                 refusal = refusal or error
@@ -159,6 +157,27 @@ class Trier:
             self._look()
             return
         raise refusal or MotionInfeasible("no grasp was found on the cloud around the contact")
+
+    def _reach(self, T_world_grasp: gtsam.Pose3) -> None:
+        """Take hold there, or where the hand tells that what it met must be.
+
+        Raises:
+            MotionInfeasible: the planner does not allow it.
+            GraspFailed: it led nowhere.
+        """
+        attempt, aside = self._tried.attempt, PushedAside()
+        with taking(self._time_s, "reach"):
+            try:
+                for _ in self._arm.grasp(T_world_grasp, self._tick_s, self._feel_m):
+                    attempt.pulled, attempt.T_world_grasp = True, T_world_grasp
+            except GraspFailed:
+                aside.failed(T_world_grasp, self._arm.T_world_gripper())
+                T_world_there = aside.corrected(T_world_grasp)
+                if T_world_there is T_world_grasp:
+                    raise
+                self._observer.stage("  what was met has slipped out to a side; again, there")
+                for _ in self._arm.grasp(T_world_there, self._tick_s, self._feel_m):
+                    attempt.T_world_grasp = T_world_there
 
     def _pull_in_stretches(self) -> None:
         """By the way of the hypothesis and, where what is held is rigid, by others."""

@@ -19,6 +19,7 @@ from akm_fg.arm.motion.time_law import duration_s
 from akm_fg.closed_loop import probability_within
 from akm_fg.errors import AkmError, GraspFailed, MotionInfeasible, TracksLost
 from akm_fg.exploration.processor_time import taking
+from akm_fg.grasping.pushed_aside import PushedAside
 from akm_fg.interfaces import Arm, Camera
 from akm_fg.io.recording_depth import as_stored
 from akm_fg.manipulation.carried_grasps import (
@@ -120,6 +121,7 @@ class Manipulator:
         self._failed_holds = 0
         self._short_m = 0.0  # of where the hand was sent, by friction: the next move makes it up
         self._lost_grasps: list[gtsam.Pose3] = []
+        self._aside = PushedAside()
         self._frame: RgbdFrame | None = None  # the last from behind the arm
 
     def run(self) -> None:
@@ -357,7 +359,7 @@ class Manipulator:
                 f"by {what}, {100 * chosen.reach:.0f} % of the way is within reach",
                 reach=chosen.reach,
             )
-            T = chosen.grasp.T_world_grasp
+            T = self._aside.corrected(chosen.grasp.T_world_grasp)
             onward = way_of(self._part, T, q, self._goal.state, config)
             feel_m = float(np.clip(chosen.grasp.depth_m, config.feel_m, config.most_feel_m))
             try:
@@ -366,10 +368,11 @@ class Manipulator:
                         pass
             except (GraspFailed, MotionInfeasible) as error:
                 self._failed_holds += 1
-                self._lost_grasps.append(T)
+                self._lost_grasps.append(chosen.grasp.T_world_grasp)
                 if self._failed_holds >= config.most_failures:
                     raise
                 if isinstance(error, GraspFailed):
+                    self._aside.failed(T, self._arm.T_world_gripper())
                     self._look_clear(str(error))
                 else:  # no free way there: others may have one
                     log.info("grasp refused: %s", error)

@@ -41,6 +41,9 @@ class PaperCabinet:
     slips: dict[int, float] = field(default_factory=dict)
     away: tuple[int, ...] = ()
     empty: dict[int, int] = field(default_factory=dict)
+    beside_m: dict[int, float] = field(
+        default_factory=dict
+    )  # by which a knob is off, along the pads
     stop_m: float = 0.4  # end of the way of what slides
     state: dict[int, float] = field(default_factory=dict)
     clock: float = 0.0
@@ -84,6 +87,12 @@ class PaperCabinet:
         yield
         if self.empty.get(front, 0) > 0:
             self.empty[front] -= 1
+            raise GraspFailed("the fingers met with nothing between them")
+        off_m = 0.0
+        if front in self.beside_m:
+            off_m = float(T_world_grasp.translation()[0]) - 0.6 - self.beside_m[front]
+        if abs(off_m) > 0.006:  # squeezed out of the pads, and the hand as far to the other side
+            self.hand = T_world_grasp.translation() + np.array([off_m, 0.0, 0.0])
             raise GraspFailed("the fingers met with nothing between them")
         self.front, self.lost, self.hand = front, False, T_world_grasp.translation()
 
@@ -245,6 +254,15 @@ def test_what_the_planner_refuses_costs_no_pull_and_is_told():
 def test_an_empty_grasp_leaves_the_place_for_later():
     exploration = explored(PaperCabinet(free=(0,), empty={0: 1}), fronts=1)
     assert outcomes(exploration) == [(0, "grasp_lost"), (0, "opened")]
+
+
+def test_a_knob_that_slips_out_to_a_side_is_held_where_it_must_be_within_the_attempt():
+    cabinet = PaperCabinet(free=(0,), beside_m={0: -0.008})
+    found = explored(cabinet, fronts=1)
+    assert [a.outcome for a in found.attempts] == ["opened"]
+    assert found.attempts[0].T_world_grasp.translation()[0] == pytest.approx(0.592)
+    far = PaperCabinet(free=(0,), beside_m={0: -0.05})
+    assert explored(far, fronts=1).attempts[0].outcome == "grasp_lost"
 
 
 def test_a_lost_grip_on_what_moves_is_taken_again_within_the_attempt():
