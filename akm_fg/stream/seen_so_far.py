@@ -126,6 +126,19 @@ class SeenSoFar:
         self._watching_s += time.perf_counter() - began
         return seen
 
+    def prepare(self) -> None:
+        """What an answer will want of the newest frame, whatever comes after it."""
+        began = time.perf_counter()
+        kept, seen = self._observer.kept.frames, self._observer
+        newest = kept[-1]
+        with one_blas_thread():
+            if len(kept) > 1:
+                self._rig.prepare(
+                    self.frames - 1, newest, kept[0], seen.object_mask, seen.config.noise
+                )
+            self._planes.prepare(newest)
+        self._watching_s += time.perf_counter() - began
+
     def _take_measured_noise(self) -> None:
         """What the first frame shows of the depth's noise is believed by all that comes after."""
         perception = self.settings.perception

@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from akm_fg.perception.moving_part.motion_config import MotionSegmentationConfig
+from akm_fg.perception.moving_part.two_clusters import two_clusters
 from akm_fg.records import BoolArray, FloatArray, PointTracks
 
 
@@ -49,8 +50,6 @@ def spectral_clusters(
 
     One group or two, the likelier part first.
     """
-    from sklearn.cluster import SpectralClustering  # loading it takes longer than a fit of a log
-
     observed = tracks.observed
     index = np.flatnonzero(significant)
     if len(index) > config.spectral_tracks:
@@ -61,9 +60,7 @@ def spectral_clusters(
     k = min(config.neighbours, len(index) - 1)
     local = np.maximum(np.sort(difference, axis=1)[:, k], 1.0)
     affinity = np.exp(-(difference**2) / (local[:, None] * local[None]))
-    labels = SpectralClustering(
-        2, affinity="precomputed", assign_labels="cluster_qr", random_state=0
-    ).fit_predict(affinity + 1e-6)
+    labels = two_clusters(affinity + 1e-6)
     sizes = [int((labels == k).sum()) for k in (0, 1)]
     alike = [float(np.median(difference[np.ix_(labels == k, labels == k)])) for k in (0, 1)]
     # The larger cluster is the part, unless it is a heap of tracks that moved each on its own.

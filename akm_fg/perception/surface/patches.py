@@ -111,17 +111,20 @@ class PatchViews:
         looked_for = LookedFor(R_world, t_world, x, n, gate_m, uv, np.zeros((K, S), dtype=bool))
         least_cosine = np.cos(self.config.max_normal_angle_rad)
         for k, planes in enumerate(self.planes):
-            moved, expected = looked_for.moved(k)
-            p_cam = planes.T_world_cam.inverse().matrix()[:3] @ np.vstack([moved, np.ones(S)])
+            R_world_cam, eye = planes.T_world_cam.rotation().matrix(), planes.T_world_cam.translation()
+            R_cam_x = R_world_cam.T @ R_world[k]
+            p_cam = R_cam_x @ x + (R_world_cam.T @ (t_world[k] - eye))[:, None]
             uv[k] = planes.camera.project(p_cam.T)
-            at = planes.at(uv[k])
-            off = np.abs((expected * (at.p_world.T - moved)).sum(axis=0))
-            good = (expected * at.normal_world.T).sum(axis=0) > least_cosine
+            met = planes.met(uv[k, :, 0], uv[k, :, 1])
+            expected = R_cam_x @ n[:, met.index]
+            off = np.abs((expected * (met.p_cam - p_cam[:, met.index])).sum(axis=0))
+            good = (expected * met.normal_cam).sum(axis=0) > least_cosine
             good &= off < gate_m
-            looked_for.found[k] = good
-            p_world[k][:, good] = at.p_world[good].T
-            precision[k, good] = at.sigma_normal_m[good] ** -2
-            normal[:, good] += R_world[k].T @ at.normal_world[good].T
+            at = met.index[good]
+            looked_for.found[k, at] = True
+            p_world[k][:, at] = R_world_cam @ met.p_cam[:, good] + eye[:, None]
+            precision[k, at] = met.sigma_normal_m[good] ** -2
+            normal[:, at] += R_cam_x.T @ met.normal_cam[:, good]
         kept = looked_for.found.sum(axis=0) >= self.config.min_views
         normal = normal[:, kept]
         return Association(
