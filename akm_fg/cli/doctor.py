@@ -64,7 +64,7 @@ PACKAGES = (
     Package("pillow", "PIL.Image", "recordings", False),
     Package("open3d", "open3d", "point clouds, ray casting", False),
     Package("filterpy", "filterpy.kalman", "filters", False),
-    Package("scikit-learn", "sklearn.cluster", "motion segmentation", False),
+    Package("scikit-learn", "sklearn.cluster", "objects of one's own in the simulator", False),
     Package("ruckig", "ruckig", "timing of motions", False),
     Package("matplotlib", "matplotlib", "plots in reports", False),
     Package("jinja2", "jinja2", "reports", False),

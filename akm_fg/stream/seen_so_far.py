@@ -130,13 +130,11 @@ class SeenSoFar:
         """What an answer will want of the newest frame, whatever comes after it."""
         began = time.perf_counter()
         kept, seen = self._observer.kept.frames, self._observer
-        newest = kept[-1]
         with one_blas_thread():
             if len(kept) > 1:
-                self._rig.prepare(
-                    self.frames - 1, newest, kept[0], seen.object_mask, seen.config.noise
-                )
-            self._planes.prepare(newest)
+                noise = seen.config.noise
+                self._rig.prepare(self.frames - 1, kept[-1], kept[0], seen.object_mask, noise)
+            self._planes.prepare(kept)
         self._watching_s += time.perf_counter() - began
 
     def _take_measured_noise(self) -> None:

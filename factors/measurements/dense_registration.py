@@ -32,7 +32,7 @@ from numpy.typing import NDArray
 
 from factors.joint import Joint, JointKind
 from factors.joint_variables import joint_variables, normal_equations_factor
-from factors.student_t import twice_negative_log_kernel, weight
+from factors.student_t import twice_negative_log_kernel
 
 Array = NDArray[np.float64]
 
@@ -98,7 +98,7 @@ class PatchCosts:
         self._share = patches.precision / np.maximum(patches.precision.sum(axis=0), 1e-300)
         self._motions: tuple[bytes, bytes] | None = None  # the last ones
         self._along, self._middle = np.zeros(0), np.zeros(0)  # (K, S) and (3, S) there
-        self._mean, self._off = np.zeros(0), np.zeros(self._count.size)  # (S,) see `_evaluated`
+        self._mean = np.zeros(0)  # (S,) plain means of the places there
         self._scale = 0.0
         self._cost: DenseCost | None = None  # there, at that scale
 
@@ -123,15 +123,10 @@ class PatchCosts:
         return np.einsum("as,kas->ks", self.patches.normal_world, back), middle
 
     def _evaluated(self, scale: float) -> DenseCost:
-        """At the last motions.
-
-        Latent places start as far off the plain means as they ended the last time: motions change
-        little from one time to the next, and how a place's own outliers lie less.
-        """
+        """At the last motions."""
         n, dof = self.patches.normal_world, self._dof
         spread = scale**2 * self._spread
-        m = _latent_places(self._along, spread, self._mean + self._off, dof)
-        #self._off = m - self._mean
+        m = _latent_places(self._along, spread, self._mean, dof)
         e = (self._along - m) * self._seen
         d2 = e * e
         w = (dof + 1) / (spread + d2)

@@ -129,7 +129,9 @@ def changed(
     area = np.bincount(flat, metric, count) / seen * np.bincount(flat, minlength=count)  # holes too
     kept = (area > config.least_area_m2) & (np.bincount(flat, touched.ravel()[place], count) > 0)
     kept[0] = False
-    return np.asarray(kept[labels]), float(area[kept].sum())
+    those = np.zeros_like(those)
+    those.ravel()[place] = kept[flat]
+    return those, float(area[kept].sum())
 
 
 def _holes_of(those: BoolArray, judged: BoolArray, config: DepthChangeConfig) -> BoolArray:

@@ -96,22 +96,31 @@ class PatchViews:
     config: PatchConfig
     came_nearer: bool = False  # whether the clouds are of what is nearer than in the first view
 
-    def associate(self, R_world: FloatArray, t_world: FloatArray, gate_m: float) -> Association:
+    def associate(
+        self, R_world: FloatArray, t_world: FloatArray, gate_m: float, most: int | None = None
+    ) -> Association:
         """Patches and observations for motions (K, 3, 3), (K, 3) from the reference pose.
 
         Args:
             R_world: rotations.
             t_world: translations.
             gate_m: how far off the predicted surface an observation may lie.
+            most: patches that are looked for, spread over all there are; every one if not given.
         """
         x, n = self._patches(R_world, t_world)
+        if most is not None and x.shape[1] > most:
+            some = np.linspace(0, x.shape[1] - 1, most).round().astype(int)
+            x, n = np.ascontiguousarray(x[:, some]), np.ascontiguousarray(n[:, some])
         K, S = len(self.planes), x.shape[1]
         p_world, precision = np.zeros((K, 3, S)), np.zeros((K, S))
         normal, uv = np.zeros((3, S)), np.full((K, S, 2), np.nan)
         looked_for = LookedFor(R_world, t_world, x, n, gate_m, uv, np.zeros((K, S), dtype=bool))
         least_cosine = np.cos(self.config.max_normal_angle_rad)
         for k, planes in enumerate(self.planes):
-            R_world_cam, eye = planes.T_world_cam.rotation().matrix(), planes.T_world_cam.translation()
+            R_world_cam, eye = (
+                planes.T_world_cam.rotation().matrix(),
+                planes.T_world_cam.translation(),
+            )
             R_cam_x = R_world_cam.T @ R_world[k]
             p_cam = R_cam_x @ x + (R_world_cam.T @ (t_world[k] - eye))[:, None]
             uv[k] = planes.camera.project(p_cam.T)

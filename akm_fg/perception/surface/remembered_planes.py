@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from akm_fg.perception.depth.depth_noise import DepthNoiseModel
@@ -58,14 +60,18 @@ class RememberedPlanes:
         self._remember(known)
         return known[3]
 
-    def prepare(self, frame: RgbdFrame) -> None:
-        """Fit planes to a frame that is going to be asked for, where the last ones were.
+    def prepare(self, kept: Sequence[RgbdFrame]) -> None:
+        """Fit planes to the newest of the frames that may be asked for, where the last ones were.
 
-        What moved on since may need a little more: see `AHEAD_PX`.
+        What is no longer among them is forgotten. What moved on since may need a little more: see
+        `AHEAD_PX`.
         """
-        if self._last is not None and id(frame) not in self._known:
-            around, settings = self._last
-            self._remember((frame, settings, *_fitted(frame, settings[0], around, settings[1], AHEAD_PX)))
+        there, newest = {id(frame) for frame in kept}, kept[-1]
+        self._known = {key: known for key, known in self._known.items() if key in there}
+        if self._last is not None and id(newest) not in self._known:
+            around, (noise, config) = self._last
+            fitted = _fitted(newest, noise, around, config, AHEAD_PX)
+            self._remember((newest, (noise, config), *fitted))
 
     def _remember(self, known: tuple[RgbdFrame, _Settings, Box, DepthPlanes]) -> None:
         self._known[id(known[0])] = known
