@@ -41,6 +41,8 @@ class SurfaceConfig:
     # plane tells how deep its hinge lies by 1 - cos of its turn alone: every frame is welcome.
     keyframes_alone: int = 20
     associations: int = 4  # rounds; the first gates take up what the tracks were off
+    rough_associations: int = 2  # of these, that only bring the joint near: patches are thinned
+    rough_patches: int = 1000  # to so many; errors of neighbours agree anyway
     first_gate_m: float = 0.03
     gate_sigmas: float = 6.0  # of what the last round left
     least_gate_m: float = 0.004

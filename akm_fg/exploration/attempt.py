@@ -32,7 +32,7 @@ from akm_fg.stream.seen_so_far import Hand
 
 
 class Stream(Protocol):
-    """Takes frames in as they come, and says what they mean: see `akm_fg.stream.FrameStream`."""
+    """Takes frames in as they come, and says what they mean: see `akm_fg.stream`."""
 
     def add(self, frame: RgbdFrame, hand: Hand | None = None) -> object:
         """Take in the next frame."""

@@ -15,7 +15,7 @@ from akm_fg.perception.rig.camera_motion import StillCamera
 from akm_fg.perception.rig.depth_against_colour import depth_unit_doubts, lag_doubts
 from akm_fg.perception.rig.gripper_place import motion_doubts, place_doubts
 from akm_fg.posterior import ArticulationPosterior
-from akm_fg.records import BoolArray, Doubt, Recording
+from akm_fg.records import BoolArray, Doubt, Recording, RgbdFrame
 
 
 class RigDoubts:
@@ -42,12 +42,8 @@ class RigDoubts:
             noise: of the depth, as it was found to be.
         """
         rig = self._config.rig
-        if self._still is None:
-            corners = rig.camera.corners
-            corners = replace(corners, edge_m=self._times_noisier(noise) * corners.edge_m)
-            config = replace(rig.camera, corners=corners)
-            self._still = StillCamera(clip.frames[0], object_mask, noise, config)
-        motion = self._still.motion(dict(zip(numbers.tolist(), clip.frames, strict=True)))
+        still = self._compared_with(clip.frames[0], object_mask, noise)
+        motion = still.motion(dict(zip(numbers.tolist(), clip.frames, strict=True)))
         found = depth_unit_doubts(clip.frames[0], rig.depth)
         found += [] if motion is None else [motion.doubt()]
         found += place_doubts(clip, object_mask, rig.gripper)
@@ -55,6 +51,35 @@ class RigDoubts:
         if every_frame and motion is None and stands_still(clip.frames):
             found += lag_doubts(clip.frames, rig.depth)
         return found
+
+    def prepare(
+        self,
+        number: int,
+        frame: RgbdFrame,
+        first: RgbdFrame,
+        object_mask: BoolArray,
+        noise: DepthNoiseModel,
+    ) -> None:
+        """Compare a frame with the first as it comes, so that `of_input` need not.
+
+        Args:
+            number: of the frame.
+            frame: the frame.
+            first: the first one.
+            object_mask: (H, W) in the first frame.
+            noise: of the depth, as it was found to be.
+        """
+        self._compared_with(first, object_mask, noise).shift(number, frame)
+
+    def _compared_with(
+        self, first: RgbdFrame, object_mask: BoolArray, noise: DepthNoiseModel
+    ) -> StillCamera:
+        if self._still is None:
+            camera = self._config.rig.camera
+            corners = camera.corners
+            corners = replace(corners, edge_m=self._times_noisier(noise) * corners.edge_m)
+            self._still = StillCamera(first, object_mask, noise, replace(camera, corners=corners))
+        return self._still
 
     def of_answer(
         self,

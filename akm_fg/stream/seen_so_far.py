@@ -127,6 +127,17 @@ class SeenSoFar:
         self._watching_s += time.perf_counter() - began
         return seen
 
+    def prepare(self) -> None:
+        """What an answer will want of the newest frame, whatever comes after it."""
+        began = time.perf_counter()
+        kept, seen = self._observer.kept.frames, self._observer
+        with one_blas_thread():
+            if len(kept) > 1:
+                noise = seen.config.noise
+                self._rig.prepare(self.frames - 1, kept[-1], kept[0], seen.object_mask, noise)
+            self._planes.prepare(kept)
+        self._watching_s += time.perf_counter() - began
+
     def _take_measured_noise(self) -> None:
         """What the first frame shows of the depth's noise is believed by all that comes after."""
         perception = self.settings.perception

@@ -32,7 +32,7 @@ from numpy.typing import NDArray
 
 from factors.joint import Joint, JointKind
 from factors.joint_variables import joint_variables, normal_equations_factor
-from factors.student_t import twice_negative_log_kernel, weight
+from factors.student_t import twice_negative_log_kernel
 
 Array = NDArray[np.float64]
 
@@ -93,8 +93,12 @@ class PatchCosts:
         self.patches, self._dof = patches, dof
         self._seen = patches.seen.astype(np.float64)
         self._count = np.maximum(self._seen.sum(axis=0), 1)
+        with np.errstate(divide="ignore"):
+            self._spread = dof / patches.precision  # (K, S) m^2; infinite where not seen
+        self._share = patches.precision / np.maximum(patches.precision.sum(axis=0), 1e-300)
         self._motions: tuple[bytes, bytes] | None = None  # the last ones
         self._along, self._middle = np.zeros(0), np.zeros(0)  # (K, S) and (3, S) there
+        self._mean = np.zeros(0)  # (S,) plain means of the places there
         self._scale = 0.0
         self._cost: DenseCost | None = None  # there, at that scale
 
@@ -104,6 +108,7 @@ class PatchCosts:
         if motions != self._motions:
             self._motions, self._cost = motions, None
             self._along, self._middle = self._taken_back(R_world, t_world)
+            self._mean = np.einsum("ks,ks->s", self._share, self._along)
         if self._cost is None or scale != self._scale:
             self._scale, self._cost = scale, self._evaluated(scale)
         return self._cost
@@ -118,14 +123,17 @@ class PatchCosts:
         return np.einsum("as,kas->ks", self.patches.normal_world, back), middle
 
     def _evaluated(self, scale: float) -> DenseCost:
-        n, precision = self.patches.normal_world, self.patches.precision / scale**2
-        m = _latent_places(self._along, precision, self._dof)
+        """At the last motions."""
+        n, dof = self.patches.normal_world, self._dof
+        spread = scale**2 * self._spread
+        m = _latent_places(self._along, spread, self._mean, dof)
         e = (self._along - m) * self._seen
-        d2 = precision * e * e
-        w = precision * weight(d2, self._dof, 1)
+        d2 = e * e
+        w = (dof + 1) / (spread + d2)
+        d2 *= self.patches.precision / scale**2
         total = w.sum(axis=0)
         return DenseCost(
-            twice_cost=float(twice_negative_log_kernel(d2, self._dof, 1).sum()),
+            twice_cost=float(twice_negative_log_kernel(d2, dof, 1).sum()),
             e=e,
             d2=d2,
             weight=w,
@@ -149,23 +157,29 @@ def dense_cost(
     return PatchCosts(patches, dof).at(R_world, t_world, scale)
 
 
-def _latent_places(along: Array, precision: Array, dof: float) -> Array:
-    """Robust weighted means (S,) of the observed places (K, S), from their plain means.
+def _latent_places(along: Array, spread: Array, start: Array, dof: float) -> Array:
+    """Robust weighted means (S,) of the observed places (K, S).
 
     What lies far off was not associated: there is no outlier to start away from.
+
+    Args:
+        along: the places.
+        spread: (K, S) dof times their variances; infinite where not seen. Over it a reading's
+            weight is (dof + 1) / (spread + e^2), as precision and kernel have it.
+        start: (S,) where to start.
+        dof: degrees of freedom of the Student-t kernel.
     """
-    m = (precision * along).sum(axis=0) / np.maximum(precision.sum(axis=0), 1e-300)
-    e, w = np.empty_like(along), np.empty_like(along)
+    m, e, w = start.copy(), np.empty_like(along), np.empty_like(along)
     for _ in range(_LATENT_ITERATIONS):
         np.subtract(along, m, out=e)
         np.multiply(e, e, out=w)
-        w *= precision
-        np.multiply(precision, weight(w, dof, 1), out=w)
+        w += spread
+        np.reciprocal(w, out=w)
         total = np.maximum(w.sum(axis=0), 1e-300)
         w *= e
         step = w.sum(axis=0) / total
         m += step
-        if float((step**2 * total).mean()) < _LATENT_TOLERANCE:
+        if float((step**2 * total).mean()) * (dof + 1) < _LATENT_TOLERANCE:
             break
     return m
 
@@ -175,18 +189,29 @@ def dense_information(cost: DenseCost, patches: PatchObservations) -> tuple[Arra
 
     The form that `factors.motion_information` has for tracks; the two add up.
     """
+    K = len(cost.weight)
+    squares, g, held, pull = _parts(cost, patches)
+    H = np.zeros((K, 6, K, 6))
+    frames = np.arange(K)
+    H[frames, :, frames] = squares
+    held = held.reshape(6 * K, -1)
+    return H.reshape(6 * K, 6 * K) - held @ held.T, g.ravel() - held @ pull
+
+
+def _parts(cost: DenseCost, patches: PatchObservations) -> tuple[Array, Array, Array, Array]:
+    """Of the keyframes' twists: information (K, 6, 6) and gradient (K, 6), latents held.
+
+    And by what marginalising the latents lessens them: rows (K, 6, S), of which the product with
+    themselves, and with the latents' own pull (S,), is taken off.
+    """
     K, S = cost.weight.shape
     n, w = patches.normal_world, cost.weight
     J = np.concatenate([np.cross(n, cost.x_world, axis=0), -n])  # (6, S)
-    H = np.zeros((K, 6, K, 6))
-    frames = np.arange(K)
     squares = (J[:, None] * J).reshape(36, S)
-    H[frames, :, frames] = (w @ squares.T).reshape(K, 6, 6)
-    g = (w * cost.e) @ J.T  # (K, 6)
+    pulls = w * cost.e
     total = np.sqrt(np.maximum(w.sum(axis=0), 1e-300))
-    held = (J * (w / total)[:, None]).reshape(6 * K, S)
-    pull = (w * cost.e).sum(axis=0) / total
-    return H.reshape(6 * K, 6 * K) - held @ held.T, g.ravel() - held @ pull
+    held = J * (w / total)[:, None]
+    return (w @ squares.T).reshape(K, 6, 6), pulls @ J.T, held, pulls.sum(axis=0) / total
 
 
 def dense_normal_equations(
@@ -201,9 +226,12 @@ def dense_normal_equations(
     J[frames, :, 6 + frames] = by_state
     if joint.kind.has_pitch:
         J[:, :, -1] = by_pitch
+    squares, g, held, pull = _parts(cost, patches)
+    # Twists are many more than the joint's coordinates and states: brought to these first.
     stacked = J.reshape(6 * K, -1)
-    H, g = dense_information(cost, patches)
-    return stacked.T @ H @ stacked, stacked.T @ g
+    rows = stacked.T @ held.reshape(6 * K, -1)
+    H = stacked.T @ (squares @ J).reshape(6 * K, -1) - rows @ rows.T
+    return H, stacked.T @ g.ravel() - rows @ pull
 
 
 def dense_registration_factor(

@@ -18,7 +18,7 @@ from akm_fg.exploration.perceive import Analogy, Perceiver
 from akm_fg.perception.depth.object_mask import DepthObjectSegmenter
 from akm_fg.records import CalibrationErrors
 from akm_fg.stages import Stages
-from akm_fg.stream.frame_stream import FrameStream
+from akm_fg.stream.answering_stream import AnsweringStream
 
 
 def perceiver_of(
@@ -62,9 +62,9 @@ def explorer_of(
         keep: writes down what was found so far.
     """
 
-    def stream(number: int) -> FrameStream:
+    def stream(number: int) -> AnsweringStream:
         name = str(folder / attempt_name(number))
-        return FrameStream(name, config.model_settings, stages, calibration=calibration)
+        return AnsweringStream(name, config.model_settings, stages, calibration=calibration)
 
     return Explorer(
         perceived.contacts,

@@ -28,6 +28,8 @@ from akm_fg.geometry.lines import line_in_joint_frame
 from akm_fg.records import FloatArray
 from factors.joint import Joint
 
+_ROUNDING = 1e-9  # of a correlation: offsets and tilts of a far line say nearly the same
+
 
 def with_disagreement(
     fits: Sequence[KindFit],
@@ -75,7 +77,15 @@ def _ratio(
     here, cov_alone = _line(alone, centroid_world)
     _, cov = _line(together, centroid_world)
     k = len(cov)
-    root = np.linalg.cholesky(cov_alone + 1e-12 * np.trace(cov_alone) * np.eye(k))
+    variance = np.diag(cov_alone)
+    if not (variance > 0).all():  # a far hinge out of the race: what tracks leave so open they
+        return 1.0  # do not contradict
+    sd = np.sqrt(variance)  # of offsets hundreds of metres, of tilts a thousandth
+    try:
+        root = np.linalg.cholesky(cov_alone / np.outer(sd, sd) + _ROUNDING * np.eye(k))
+    except np.linalg.LinAlgError:  # likewise
+        return 1.0
+    root = sd[:, None] * root
     off = solve_triangular(root, line_apart(here, together.moving)[:k], lower=True)
     shared = solve_triangular(root, solve_triangular(root, cov, lower=True).T, lower=True)
     left, axes = np.linalg.eigh((shared + shared.T) / 2)  # of the tracks' variances, what is left

@@ -63,9 +63,9 @@ class SurfaceViews(Protocol):
         """(K,) numbers of the keyframes."""
 
     def associate(
-        self, R_world: FloatArray, t_world: FloatArray, gate_m: float
+        self, R_world: FloatArray, t_world: FloatArray, gate_m: float, most: int | None = None
     ) -> AssociatedPatches:
-        """Patches under motions (K, 3, 3), (K, 3) from the reference pose."""
+        """Patches, `most` at most, under motions (K, 3, 3), (K, 3) from the reference pose."""
 
 
 class Surface(Protocol):
@@ -142,9 +142,12 @@ def register(
     if at.size < 2:
         return None
     gate_m, scale = config.first_gate_m, first.scales.get(SURFACE, 1.0)
-    for _ in range(config.associations):
+    for number in range(config.associations):
         R, t = guess.motion()
-        seen = views.associate(R[at], t[at], gate_m)
+        most = config.rough_patches if number < config.rough_associations else None
+        seen = views.associate(R[at], t[at], gate_m, most)
+        if most and seen.patches.precision.shape[1] < config.min_patches:  # too few of so few
+            seen = views.associate(R[at], t[at], gate_m)
         if seen.patches.precision.shape[1] < config.min_patches:
             return None
         yield

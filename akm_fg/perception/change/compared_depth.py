@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from akm_fg.perception.change.change_config import DepthChangeConfig
 from akm_fg.perception.depth.depth_noise import DepthNoiseModel
-from akm_fg.records import BoolArray
+from akm_fg.records import BoolArray, FloatArray
 
 Depth = NDArray[np.float32]
 _KERNEL = np.ones((3, 3), np.uint8)
@@ -37,7 +37,12 @@ class Comparison:
 
 
 def compared(
-    first_m: Depth, now_m: Depth, fx: float, noise: DepthNoiseModel, config: DepthChangeConfig
+    first_m: Depth,
+    now_m: Depth,
+    fx: float,
+    noise: DepthNoiseModel,
+    config: DepthChangeConfig,
+    first_variance: FloatArray | None = None,
 ) -> Comparison:
     """Compare two depth images (h, w), NaN where unknown.
 
@@ -47,15 +52,16 @@ def compared(
         fx: focal length that the noise is meant for, pixels.
         noise: of single readings.
         config: tuning.
+        first_variance: of the first's readings, m^2, for who compares many with it: see `variance`.
     """
     size, known = (config.window, config.window), np.isfinite(now_m)
     both = np.isfinite(first_m) & known
     a, b = (np.where(both, z, np.float32(0)) for z in (first_m, now_m))
     share = cv2.boxFilter(both.astype(np.float32), cv2.CV_32F, size)
     some = np.maximum(share, np.float32(1e-3))
-    variance = (
-        noise.sigma_m(a.astype(np.float64), fx) ** 2 + noise.sigma_m(b.astype(float), fx) ** 2
-    )
+    if first_variance is None:
+        first_variance = variance(first_m, fx, noise)
+    both_variance = np.where(both, first_variance + variance(b, fx, noise), 1.0)
     seen, of = (
         cv2.boxFilter(np.where(known, z, np.float32(0)), cv2.CV_32F, size)
         for z in (now_m, np.float32(1))
@@ -63,11 +69,16 @@ def compared(
     return Comparison(
         np.asarray(cv2.boxFilter(a - b, cv2.CV_32F, size) / some, np.float32),
         a - b,
-        np.sqrt(variance.astype(np.float32) / some),
+        np.sqrt(both_variance.astype(np.float32) / some),
         both & (share >= config.least_known),
         known,
         np.asarray(seen / np.maximum(of, 1e-3), np.float32),
     )
+
+
+def variance(depth_m: Depth, fx: float, noise: DepthNoiseModel) -> FloatArray:
+    """Of single readings (h, w), m^2; NaN where unknown."""
+    return np.asarray(noise.sigma_m(depth_m.astype(np.float64), fx) ** 2)
 
 
 def gate_factor(
@@ -106,18 +117,21 @@ def changed(
     gate = np.float32(factor) * comparison.sd_m + np.float32(config.least_m)
     off, own = sign * comparison.nearer_m, sign * comparison.own_nearer_m
     those = comparison.judged & (off > gate) & (own > gate / 2)
+    if not those.any():
+        return those, 0.0
     whole = those | _holes_of(those, comparison.judged, config)
     opened = cv2.morphologyEx(whole.astype(np.uint8), cv2.MORPH_OPEN, _KERNEL)
     count, labels = cv2.connectedComponents(opened, connectivity=4)
-    if count < 2:
-        return np.zeros_like(those), 0.0
-    flat, known = labels.ravel(), comparison.known.astype(float).ravel()
-    metric = np.where(comparison.known, comparison.depth_m * metres_a_px, 0.0) ** 2
+    place = np.flatnonzero(opened)  # of some thousand pixels, of a hundred thousand
+    flat, known = labels.ravel()[place], comparison.known.ravel()[place]
+    metric = np.where(known, comparison.depth_m.ravel()[place] * metres_a_px, 0.0) ** 2
     seen = np.maximum(np.bincount(flat, known, count), 1.0)
-    area = np.bincount(flat, metric.ravel(), count) / seen * np.bincount(flat)  # holes, too
-    kept = (area > config.least_area_m2) & (np.bincount(flat, touched.ravel(), count) > 0)
+    area = np.bincount(flat, metric, count) / seen * np.bincount(flat, minlength=count)  # holes too
+    kept = (area > config.least_area_m2) & (np.bincount(flat, touched.ravel()[place], count) > 0)
     kept[0] = False
-    return np.asarray(kept[labels]), float(area[kept].sum())
+    those = np.zeros_like(those)
+    those.ravel()[place] = kept[flat]
+    return those, float(area[kept].sum())
 
 
 def _holes_of(those: BoolArray, judged: BoolArray, config: DepthChangeConfig) -> BoolArray:

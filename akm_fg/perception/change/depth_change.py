@@ -26,6 +26,7 @@ from akm_fg.perception.change.compared_depth import (
     changed,
     compared,
     gate_factor,
+    variance,
 )
 from akm_fg.perception.depth.depth_noise import DepthNoiseModel
 from akm_fg.perception.depth.thinning import repeated
@@ -93,13 +94,15 @@ def depth_change(
     fx = recording.frames[0].camera.fx
     rest_m = behind_what_moves([f.depth_m for f in frames], fx, noise, config)
     shown, pitch = np.isfinite(frames[0].depth_m), stride / fx
-    factor = gate_factor(
-        compared(rest_m, frames[-1].depth_m, fx, noise, config), stride, noise, config
-    )
+    rest_variance = variance(rest_m, fx, noise)
+    last = compared(rest_m, frames[-1].depth_m, fx, noise, config, rest_variance)
+    factor = gate_factor(last, stride, noise, config)
     nearer = np.zeros((len(frames), *touched.shape), dtype=bool)
     farther, area = nearer.copy(), np.zeros(len(frames))
     for t in range(1, len(frames)):
-        now = compared(rest_m, frames[t].depth_m, fx, noise, config)
+        now = last
+        if t < len(frames) - 1:
+            now = compared(rest_m, frames[t].depth_m, fx, noise, config, rest_variance)
         nearer[t], area[t] = changed(now, 1, factor, touched, pitch, config)
         gone, _ = changed(now, -1, factor, touched, pitch, config)
         nearer[t] &= now.known

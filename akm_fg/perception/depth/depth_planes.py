@@ -49,6 +49,16 @@ class PlaneSamples:
 
 
 @dataclass(frozen=True, slots=True)
+class MetPlanes:
+    """Surface at those M of some pixels whose depth is a plane, in the camera's axes."""
+
+    index: NDArray[np.int_]  # (M,) of the pixels, growing
+    p_cam: FloatArray  # (3, M) metres
+    normal_cam: FloatArray  # (3, M) unit, towards the camera
+    sigma_normal_m: FloatArray  # (M,) sd of a single depth reading, along the normal
+
+
+@dataclass(frozen=True, slots=True)
 class DepthPlanes:
     """Local planes of one depth image; lookups cost the same at any pixel."""
 
@@ -66,26 +76,37 @@ class DepthPlanes:
 
         Pixels outside the image, without a plane, or NaN give NaN.
         """
-        camera = self.camera
-        u, v = np.rint(uv[:, 0]), np.rint(uv[:, 1])  # NaN compares False
-        inside = (u >= 0) & (u < camera.width) & (v >= 0) & (v < camera.height)
-        place = np.where(inside, v * camera.width + u, 0).astype(int)
-        inside &= self.valid.ravel()[place]
-        place, u, v, uv = place[inside], u[inside], v[inside], uv[inside]
-        b, c = (k.ravel()[place].astype(float) for k in (self.slope_u, self.slope_v))
-        a = self.inverse_depth.ravel()[place] + b * (uv[:, 0] - u) + c * (uv[:, 1] - v)
-        a = np.where(a > 0, a, np.nan)
-        rays = camera.back_project(uv, np.ones(len(uv)))
-        n_cam = np.stack([b * camera.fx, c * camera.fy, a], axis=-1)
-        n_cam[:, 2] -= n_cam[:, 0] * rays[:, 0] + n_cam[:, 1] * rays[:, 1]
-        n_cam /= -np.sqrt((n_cam * n_cam).sum(axis=1, keepdims=True))
+        found = self.met(uv[:, 0], uv[:, 1])
         R, eye = self.T_world_cam.rotation().matrix(), self.T_world_cam.translation()
-        p_world, normal = (np.full((len(inside), 3), np.nan) for _ in range(2))
-        sigma = np.full(len(inside), np.nan)
-        sigma[inside] = self.noise.sigma_m(1 / a, camera.fx) * np.abs((n_cam * rays).sum(axis=1))
-        p_world[inside] = rays / a[:, None] @ R.T + eye
-        normal[inside] = n_cam @ R.T
+        p_world, normal = (np.full((len(uv), 3), np.nan) for _ in range(2))
+        sigma = np.full(len(uv), np.nan)
+        p_world[found.index] = found.p_cam.T @ R.T + eye
+        normal[found.index] = found.normal_cam.T @ R.T
+        sigma[found.index] = found.sigma_normal_m
         return PlaneSamples(p_world, normal, sigma)
+
+    def met(self, u: FloatArray, v: FloatArray) -> MetPlanes:
+        """The planes that the rays of pixels (N,), (N,) meet, in the camera's axes."""
+        camera = self.camera
+        column, row = np.rint(u), np.rint(v)  # NaN compares False
+        inside = (column >= 0) & (column < camera.width) & (row >= 0) & (row < camera.height)
+        index = np.flatnonzero(inside)
+        place = (row[index] * camera.width + column[index]).astype(int)
+        planes = self.valid.ravel()[place]
+        index, place = index[planes], place[planes]
+        u, v, column, row = u[index], v[index], column[index], row[index]
+        b, c = (k.ravel()[place].astype(float) for k in (self.slope_u, self.slope_v))
+        a = self.inverse_depth.ravel()[place] + b * (u - column) + c * (v - row)
+        a = np.where(a > 0, a, np.nan)
+        x, y = (u - camera.cx) / camera.fx, (v - camera.cy) / camera.fy
+        n_x, n_y = b * camera.fx, c * camera.fy
+        n_z = a - n_x * x - n_y * y
+        length = np.sqrt(n_x * n_x + n_y * n_y + n_z * n_z)
+        z = 1 / a
+        # n . (x, y, 1) is the inverse depth.
+        sigma = self.noise.sigma_m(z, camera.fx) * a / length
+        p_cam, normal_cam = np.stack([x * z, y * z, z]), np.stack([n_x, n_y, n_z]) / -length
+        return MetPlanes(index, p_cam, normal_cam, sigma)
 
 
 def depth_planes(

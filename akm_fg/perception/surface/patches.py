@@ -96,32 +96,44 @@ class PatchViews:
     config: PatchConfig
     came_nearer: bool = False  # whether the clouds are of what is nearer than in the first view
 
-    def associate(self, R_world: FloatArray, t_world: FloatArray, gate_m: float) -> Association:
+    def associate(
+        self, R_world: FloatArray, t_world: FloatArray, gate_m: float, most: int | None = None
+    ) -> Association:
         """Patches and observations for motions (K, 3, 3), (K, 3) from the reference pose.
 
         Args:
             R_world: rotations.
             t_world: translations.
             gate_m: how far off the predicted surface an observation may lie.
+            most: patches that are looked for, spread over all there are; every one if not given.
         """
         x, n = self._patches(R_world, t_world)
+        if most is not None and x.shape[1] > most:
+            some = np.linspace(0, x.shape[1] - 1, most).round().astype(int)
+            x, n = np.ascontiguousarray(x[:, some]), np.ascontiguousarray(n[:, some])
         K, S = len(self.planes), x.shape[1]
         p_world, precision = np.zeros((K, 3, S)), np.zeros((K, S))
         normal, uv = np.zeros((3, S)), np.full((K, S, 2), np.nan)
         looked_for = LookedFor(R_world, t_world, x, n, gate_m, uv, np.zeros((K, S), dtype=bool))
         least_cosine = np.cos(self.config.max_normal_angle_rad)
         for k, planes in enumerate(self.planes):
-            moved, expected = looked_for.moved(k)
-            p_cam = planes.T_world_cam.inverse().matrix()[:3] @ np.vstack([moved, np.ones(S)])
+            R_world_cam, eye = (
+                planes.T_world_cam.rotation().matrix(),
+                planes.T_world_cam.translation(),
+            )
+            R_cam_x = R_world_cam.T @ R_world[k]
+            p_cam = R_cam_x @ x + (R_world_cam.T @ (t_world[k] - eye))[:, None]
             uv[k] = planes.camera.project(p_cam.T)
-            at = planes.at(uv[k])
-            off = np.abs((expected * (at.p_world.T - moved)).sum(axis=0))
-            good = (expected * at.normal_world.T).sum(axis=0) > least_cosine
+            met = planes.met(uv[k, :, 0], uv[k, :, 1])
+            expected = R_cam_x @ n[:, met.index]
+            off = np.abs((expected * (met.p_cam - p_cam[:, met.index])).sum(axis=0))
+            good = (expected * met.normal_cam).sum(axis=0) > least_cosine
             good &= off < gate_m
-            looked_for.found[k] = good
-            p_world[k][:, good] = at.p_world[good].T
-            precision[k, good] = at.sigma_normal_m[good] ** -2
-            normal[:, good] += R_world[k].T @ at.normal_world[good].T
+            at = met.index[good]
+            looked_for.found[k, at] = True
+            p_world[k][:, at] = R_world_cam @ met.p_cam[:, good] + eye[:, None]
+            precision[k, at] = met.sigma_normal_m[good] ** -2
+            normal[:, at] += R_cam_x.T @ met.normal_cam[:, good]
         kept = looked_for.found.sum(axis=0) >= self.config.min_views
         normal = normal[:, kept]
         return Association(

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from akm_fg.perception.depth.depth_noise import DepthNoiseModel
@@ -14,8 +16,11 @@ from akm_fg.perception.depth.depth_planes import (
 )
 from akm_fg.records import BoolArray, RgbdFrame
 
-MOST = 24  # frames, 4 MB each of VGA size: those of one registration and a few more
+MOST = 28  # frames, 4 MB each of VGA size: those of one registration and a few more
+_Settings = tuple[DepthNoiseModel, DepthPlanesConfig]
 GROWS_PX = 24  # around what is asked for: the next time it will be a little more
+
+AHEAD_PX = 48  # likewise, of a frame that comes before it is asked for
 
 
 class RememberedPlanes:
@@ -28,7 +33,8 @@ class RememberedPlanes:
     def __init__(self, most: int = MOST) -> None:
         self._most = most
         # By the frame's identity; it is held, so that no other takes its place.
-        self._known: dict[int, tuple[RgbdFrame, object, Box, DepthPlanes]] = {}
+        self._known: dict[int, tuple[RgbdFrame, _Settings, Box, DepthPlanes]] = {}
+        self._last: tuple[BoolArray, _Settings] | None = None  # what was asked for last, and how
 
     def of(
         self,
@@ -47,20 +53,41 @@ class RememberedPlanes:
         """
         asked = bounding_box(around, 0)
         settings = noise, config
+        self._last = around, settings
         known = self._known.pop(id(frame), None)
         if known is None or known[1] != settings or not _within(asked, known[2]):
-            known = frame, settings, *_fitted(frame, noise, around, config)
-        self._known[id(frame)] = known
+            known = frame, settings, *_fitted(frame, noise, around, config, GROWS_PX)
+        self._remember(known)
+        return known[3]
+
+    def prepare(self, kept: Sequence[RgbdFrame]) -> None:
+        """Fit planes to the newest of the frames that may be asked for, where the last ones were.
+
+        What is no longer among them is forgotten. What moved on since may need a little more: see
+        `AHEAD_PX`.
+        """
+        there, newest = {id(frame) for frame in kept}, kept[-1]
+        self._known = {key: known for key, known in self._known.items() if key in there}
+        if self._last is not None and id(newest) not in self._known:
+            around, (noise, config) = self._last
+            fitted = _fitted(newest, noise, around, config, AHEAD_PX)
+            self._remember((newest, (noise, config), *fitted))
+
+    def _remember(self, known: tuple[RgbdFrame, _Settings, Box, DepthPlanes]) -> None:
+        self._known[id(known[0])] = known
         if len(self._known) > self._most:
             del self._known[next(iter(self._known))]
-        return known[3]
 
 
 def _fitted(
-    frame: RgbdFrame, noise: DepthNoiseModel, around: BoolArray, config: DepthPlanesConfig
+    frame: RgbdFrame,
+    noise: DepthNoiseModel,
+    around: BoolArray,
+    config: DepthPlanesConfig,
+    margin_px: int,
 ) -> tuple[Box, DepthPlanes]:
     """The box that was fitted, and its planes."""
-    box = bounding_box(around, GROWS_PX) or np.s_[0:0, 0:0]
+    box = bounding_box(around, margin_px) or np.s_[0:0, 0:0]
     mask = np.zeros_like(around)
     mask[box] = True
     return box, depth_planes(frame, noise, mask, config)

@@ -35,7 +35,7 @@ class Slab:
         yield
         return replace(self, frames=tuple(k for k in frames if k not in self.hidden))
 
-    def associate(self, R_world, t_world, gate_m):
+    def associate(self, R_world, t_world, gate_m, most=None):
         p_world, precision, uv = [], [], []
         R_world_cam, eye = self.T_world_cam[:3, :3], self.T_world_cam[:3, 3]
         for R, t, k in zip(R_world, t_world, self.frames, strict=True):

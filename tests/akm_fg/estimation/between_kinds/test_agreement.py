@@ -43,6 +43,17 @@ def _shifted(t):
     return T
 
 
+class _Broken:
+    """A fit with another covariance, whatever it counts as one."""
+
+    def __init__(self, fit, cov):
+        self.kind, self.joint, self.moving, self.cov = fit.kind, fit.joint, fit.moving, cov
+
+    def tempered(self, as_one):
+        del as_one
+        return self
+
+
 @pytest.fixture
 def hinge(opening):
     problem = problem_of_tracks("x", opening(1, "revolute").tracks, True, 0, FitConfig())
@@ -74,6 +85,18 @@ def test_variances_grow_by_the_squared_difference_over_its_expectation(hinge, si
         fit.tempered(1.0).cov, fit.disagreement * there.tempered(1.0).cov, rtol=1e-9, atol=1e-15
     )
     assert "disagree" in disagreement_warnings(fit)[0]
+
+
+@pytest.mark.parametrize("variances", [np.r_[-1e3, 1.0], np.r_[1e3, 1e-30]])
+def test_a_line_that_tracks_leave_open_beyond_numbers_contradicts_nothing(hinge, variances):
+    """A hinge hundreds of metres away, out of the race: its covariance is none any more."""
+    fit, centroid = hinge
+    cov = fit.information * 0.0
+    cov[:4, :4] = np.diag([variances[0], 1e-6, 1e-6, variances[1]])
+    cov[0, 3] = cov[3, 0] = 2.0 * np.sqrt(abs(variances.prod()))
+    broken = _Broken(fit, cov)
+    (there,) = with_disagreement([fit], [broken], 1.0, centroid)
+    assert there.disagreement == 1.0
 
 
 @pytest.mark.parametrize("seed", range(4))

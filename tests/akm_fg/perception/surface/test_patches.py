@@ -255,3 +255,16 @@ def test_what_a_part_that_came_nearer_has_covered_is_not_the_part():
     assert views.associate(*_motions(STILL, back), GATE_M).was_there[1] == 0
     opened = replace(views, came_nearer=True)
     assert opened.associate(*_motions(STILL, back), GATE_M).was_there[1] == 1
+
+
+def test_of_many_patches_so_many_are_looked_for_all_over_the_part():
+    views = _views(*[_planes(_depth(*FRONT))] * 2)
+    every = views.associate(*_motions(STILL, STILL), GATE_M)
+    some = views.associate(*_motions(STILL, STILL), GATE_M, 100)
+    assert every.patches.precision.shape[1] > 200
+    assert some.patches.precision.shape[1] == 100
+    for axis in (0, 1):
+        spans = [np.ptp(seen.uv[0, :, axis]) for seen in (every, some)]
+        assert spans[1] > 0.9 * spans[0]
+    more = views.associate(*_motions(STILL, STILL), GATE_M, 10**6)
+    assert more.patches.precision.shape == every.patches.precision.shape

@@ -1,5 +1,7 @@
 """Planes of a frame are fitted anew only where more of it is asked for."""
 
+from dataclasses import replace
+
 import gtsam
 import numpy as np
 import pytest
@@ -8,7 +10,7 @@ from numpy.testing import assert_allclose
 from akm_fg.perception.depth.depth_noise import DepthNoiseModel
 from akm_fg.perception.depth.depth_planes import DepthPlanesConfig, depth_planes
 from akm_fg.perception.surface import remembered_planes
-from akm_fg.perception.surface.remembered_planes import GROWS_PX, RememberedPlanes
+from akm_fg.perception.surface.remembered_planes import AHEAD_PX, GROWS_PX, RememberedPlanes
 from akm_fg.records import PinholeCamera, RgbdFrame
 
 CAMERA = PinholeCamera(160, 120, 150.0, 150.0, 79.5, 59.5)
@@ -73,3 +75,27 @@ def test_another_noise_is_another_fit_and_the_oldest_frame_goes(fits):
     assert len(fits) == 4
     planes.of(two, DepthNoiseModel(floor_m=0.002), around(40, 60), CONFIG)
     assert len(fits) == 5
+
+
+def test_a_frame_that_was_prepared_is_there_when_it_is_asked_for(fits):
+    first, later, planes = a_frame(), a_frame(), RememberedPlanes()
+    planes.prepare([first])
+    assert not fits, "nobody has asked for any place yet"
+    planes.of(first, NOISE, around(60, 60), CONFIG)
+    planes.prepare([first, later])
+    assert len(fits) == 2
+    assert planes.of(later, NOISE, around(60 - AHEAD_PX, 60), CONFIG).valid[62, 62]
+    assert len(fits) == 2, "a little more of a frame than was asked for before is there, too"
+    planes.of(later, replace(NOISE, disparity_sigma_px=0.2), around(60, 60), CONFIG)
+    assert len(fits) == 3, "it was fitted for another noise"
+
+
+def test_frames_that_are_not_kept_are_forgotten(fits):
+    first, gone, planes = a_frame(), a_frame(), RememberedPlanes()
+    for frame in (first, gone):
+        planes.of(frame, NOISE, around(60, 60), CONFIG)
+    planes.prepare([first, a_frame()])
+    planes.of(first, NOISE, around(60, 60), CONFIG)
+    assert len(fits) == 3
+    planes.of(gone, NOISE, around(60, 60), CONFIG)
+    assert len(fits) == 4
