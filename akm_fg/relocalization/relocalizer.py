@@ -1,6 +1,7 @@
 """The filter: from anywhere to a Gaussian, from frame to frame, and back when it is lost.
 
 searching: grid over the range -> hypotheses -> refined -> sure of one -> tracking
+           no surface is found -> it stands where its outline can only be -> tracking, unseen
 tracking:  predicted by hand, command or rate -> surface found again -> gate -> updated
 lost:      frames contradict the belief, or it explains nothing -> searching
 """
@@ -19,6 +20,7 @@ from akm_fg.relocalization.bayes_filters import GridFilter, StateFilter
 from akm_fg.relocalization.config import RelocalizationConfig
 from akm_fg.relocalization.likelihood import StateLikelihood
 from akm_fg.relocalization.records import Hypotheses, Mode, StateBelief
+from akm_fg.relocalization.silhouette import Silhouette, Stands
 from akm_fg.stream.seen_so_far import Hand
 
 
@@ -55,6 +57,7 @@ class Relocalizer:
         self.config, self.part = config or RelocalizationConfig(), model.parts[part]
         self._noise = noise or DepthNoiseModel()
         self._likelihood = StateLikelihood(self.part, model.static, self.config.likelihood)
+        self._silhouette = Silhouette(self.part, model.static, self.config.silhouette)
         self._grid = GridFilter(self._states())
         self._filter: StateFilter | None = None
         self._probability = 0.0  # of the tracked hypothesis
@@ -87,9 +90,10 @@ class Relocalizer:
         dt_s = 0.0 if self._stamp_s is None else frame.stamp_s - self._stamp_s
         shift = self._shift(hand, commanded)
         self._stamp_s, self._hand = frame.stamp_s, hand
+        held = hand is not None and hand.holding
         if self._filter is None:
             return self._told(self._search(frame, dt_s, shift))
-        return self._told(self._track(frame, dt_s, shift, felt))
+        return self._told(self._track(frame, dt_s, shift, felt, held))
 
     def _told(self, belief: StateBelief) -> StateBelief:
         """In states of the model; within, they are as the camera sees them."""
@@ -149,11 +153,11 @@ class Relocalizer:
         odds = self._likelihood.log_odds(frame, self._noise, self._grid.states)
         if odds.max() < c.search.least_log_odds:
             reason = self._lost_because or "the part is not seen at any state"
-            return self._nothing(frame, reason)
+            return self._unseen(frame, reason)
         self._grid.update(odds + self._colours(frame, self._grid.states))
         found = self._hypotheses(frame)
         if found.q.size == 0:
-            return self._nothing(frame, "no state explains the surface that is seen")
+            return self._unseen(frame, "no state explains the surface that is seen")
         best = float(found.q[0]), float(found.sd[0]), float(found.probability[0])
         sd = float(np.sqrt(best[1] ** 2 + self._of_model(best[0])))
         if best[2] >= c.sure:
@@ -164,6 +168,50 @@ class Relocalizer:
         return StateBelief(
             frame.stamp_s, "searching", best[0], sd, None, best[2], True, None, None, reason
         )
+
+    def _unseen(self, frame: RgbdFrame, reason: str) -> StateBelief:
+        """By its outline, of a part whose surface is not found; nothing where that is silent."""
+        stands = self._silhouette.stands(frame, self._grid.states)
+        if stands is None or stands.probability < self.config.search.sure:
+            return self._nothing(frame, reason)
+        return self._stands(frame, stands, None)
+
+    def _stands(self, frame: RgbdFrame, stands: Stands, predicted: float | None) -> StateBelief:
+        """Follow from where the outline puts it."""
+        damping_s = self.config.motion.damping_s
+        self._filter = StateFilter(stands.mean, stands.sd, self._rate_sd(), damping_s)
+        self._probability, self._against, self._lost_because = stands.probability, 0, None
+        sd = float(np.sqrt(stands.sd**2 + self._of_model(stands.mean)))
+        return StateBelief(
+            frame.stamp_s, "tracking", stands.mean, sd, 0.0, stands.probability, False, None,
+            predicted, self._said(stands.mean, sd),
+        )  # fmt: skip
+
+    def _said(self, mean: float, sd: float) -> str:
+        unit, name = (np.rad2deg(1.0), "deg") if self.part.joint.turns else (100.0, "cm")
+        closed = self.part.seen_state(self.part.closed_state)
+        low, high = sorted(abs(mean + off * sd - closed) * unit for off in (-2.0, 2.0))
+        told = f"it can only stand between {low:.1f} and {high:.1f} {name}"
+        return f"the part's surface is not seen: by its outline {told}"
+
+    def _outlined(self, frame: RgbdFrame) -> Stands | None:
+        """Where its outline puts a followed part, if that is surer than the belief, and agrees.
+
+        To be taken instead of the belief, not into it: outlines err alike in all frames.
+        """
+        assert self._filter is not None
+        c, kalman = self.config, self._filter
+        sd = float(np.sqrt(kalman.variance))
+        if sd < c.silhouette.worth * self._silhouette.least_sd(kalman.mean):
+            return None
+        near = np.abs(self._grid.states - kalman.mean) <= c.silhouette.reach_sigmas * sd
+        if near.sum() < 3:
+            return None
+        stands = self._silhouette.stands(frame, self._grid.states[near])
+        if stands is None or stands.sd >= sd or stands.probability < c.search.sure:
+            return None
+        agrees = kalman.innovation(stands.mean, stands.sd**2) <= c.gate_nis
+        return stands if agrees else None
 
     def _nothing(self, frame: RgbdFrame, reason: str) -> StateBelief:
         mode: Mode = "searching" if self._lost_because is None else "lost"
@@ -229,6 +277,7 @@ class Relocalizer:
         dt_s: float,
         shift: tuple[float, float] | None,
         felt: tuple[float, float] | None,
+        held: bool,
     ) -> StateBelief:
         """From where it was."""
         assert self._filter is not None
@@ -243,6 +292,10 @@ class Relocalizer:
         nis, reason = None, None
         if felt is not None and measured is None:
             self._feel(*felt)
+        if measured is None and not held:
+            stands = self._outlined(frame)
+            if stands is not None:
+                return self._stands(frame, stands, predicted)
         if measured is not None:
             nis = kalman.innovation(measured.q, measured.variance)
             if nis <= c.gate_nis:
@@ -276,7 +329,7 @@ class Relocalizer:
         self._filter, self._lost_because = None, reason
         self._grid = GridFilter(self._grid.states)
         belief = self._search(frame, 0.0, None)
-        if belief.mode == "tracking":
+        if belief.mode == "tracking" and belief.seen:
             return StateBelief(
                 belief.stamp_s, "tracking", belief.mean, belief.sd, belief.rate,
                 belief.probability, True, None, None, f"lost ({reason}) and found again",
