@@ -107,6 +107,10 @@ class RelocalizationConfig:
     match: KnownSurfaceConfig = field(default_factory=KnownSurfaceConfig)
     gate_nis: float = 10.8  # of an innovation, one degree of freedom: one in a thousand beyond
     least_found: float = 0.3  # of the points that should be seen, that must be on the surface
+    # So few, of a front that is nearly edge-on, are its outline's pixels: Gauss-Newton ends where it
+    # began, a degree off and sure of it, unless most of what should be seen is among them.
+    sliver: int = 60
+    least_of_sliver: float = 0.5
     patience: int = 3  # frames that contradict the belief before it is given up
     shared_m: float = 0.0005  # of the surface and a frame's depth, that all readings share
     sure: float = 0.99  # probability of one hypothesis from which the others are let go

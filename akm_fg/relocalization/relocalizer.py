@@ -90,10 +90,9 @@ class Relocalizer:
         dt_s = 0.0 if self._stamp_s is None else frame.stamp_s - self._stamp_s
         shift = self._shift(hand, commanded)
         self._stamp_s, self._hand = frame.stamp_s, hand
-        held = hand is not None and hand.holding
         if self._filter is None:
             return self._told(self._search(frame, dt_s, shift))
-        return self._told(self._track(frame, dt_s, shift, felt, held))
+        return self._told(self._track(frame, dt_s, shift, felt))
 
     def _told(self, belief: StateBelief) -> StateBelief:
         """In states of the model; within, they are as the camera sees them."""
@@ -172,7 +171,7 @@ class Relocalizer:
     def _unseen(self, frame: RgbdFrame, reason: str) -> StateBelief:
         """By its outline, of a part whose surface is not found; nothing where that is silent."""
         stands = self._silhouette.stands(frame, self._grid.states)
-        if stands is None or stands.probability < self.config.search.sure:
+        if stands is None or stands.probability < self.config.sure:
             return self._nothing(frame, reason)
         return self._stands(frame, stands, None)
 
@@ -208,7 +207,7 @@ class Relocalizer:
         if near.sum() < 3:
             return None
         stands = self._silhouette.stands(frame, self._grid.states[near])
-        if stands is None or stands.sd >= sd or stands.probability < c.search.sure:
+        if stands is None or stands.sd >= sd or stands.probability < c.sure:
             return None
         agrees = kalman.innovation(stands.mean, stands.sd**2) <= c.gate_nis
         return stands if agrees else None
@@ -277,7 +276,6 @@ class Relocalizer:
         dt_s: float,
         shift: tuple[float, float] | None,
         felt: tuple[float, float] | None,
-        held: bool,
     ) -> StateBelief:
         """From where it was."""
         assert self._filter is not None
@@ -292,7 +290,7 @@ class Relocalizer:
         nis, reason = None, None
         if felt is not None and measured is None:
             self._feel(*felt)
-        if measured is None and not held:
+        if measured is None:
             stands = self._outlined(frame)
             if stands is not None:
                 return self._stands(frame, stands, predicted)
@@ -361,7 +359,8 @@ class Relocalizer:
         shown = self._likelihood.shown(frame, found.q)
         good = found.good & shown
         share = float(good.sum()) / max(int(shown.sum()), 1)
-        if share < c.least_found or good.sum() < 10:
+        few = good.sum() < c.sliver and share < c.least_of_sliver
+        if share < c.least_found or good.sum() < 10 or few:
             return None
         per_unit = surface.metres_per_unit(found.q)
         if found.along_m < c.outline_along * per_unit:
