@@ -70,10 +70,10 @@ class SilhouetteConfig:
     behind: float = 0.03
     depth_range_m: float = 1.0
     as_one: float = 4.0  # cells that err together: a stereo camera's window is two cells wide
-    least_log_odds: float = 12.0  # for standing there, against a scene without the part
-    least_cells: int = 30
+    least_log_odds: float = 20.0  # for standing there, against a scene without the part
+    least_cells: int = 60
     least_on: float = 0.7
-    most_behind: float = 0.15
+    most_behind: float = 0.18
     # Of a state, beyond the readings: outlines are fattened by the sensor, boards thicker or thinner
     # than taken, joints a little off. On doors of furniture-dev it was 0.7 deg, rms, of 0.25 m.
     outline_m: float = 0.006
@@ -110,7 +110,7 @@ class RelocalizationConfig:
     # So few, of a front that is nearly edge-on, are its outline's pixels: Gauss-Newton ends where it
     # began, a degree off and sure of it, unless most of what should be seen is among them.
     sliver: int = 60
-    least_of_sliver: float = 0.5
+    least_of_sliver: float = 0.6
     patience: int = 3  # frames that contradict the belief before it is given up
     shared_m: float = 0.0005  # of the surface and a frame's depth, that all readings share
     sure: float = 0.99  # probability of one hypothesis from which the others are let go
