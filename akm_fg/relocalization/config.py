@@ -70,6 +70,9 @@ class SilhouetteConfig:
     behind: float = 0.03
     depth_range_m: float = 1.0
     as_one: float = 4.0  # cells that err together: a stereo camera's window is two cells wide
+    # Of the surface's points, turned to the camera enough to be read: a part with more of them is
+    # found by its surface or is not there.
+    most_facing: float = 0.4
     least_log_odds: float = 20.0  # for standing there, against a scene without the part
     least_cells: int = 60
     least_on: float = 0.7

@@ -20,7 +20,7 @@ from akm_fg.relocalization.bayes_filters import GridFilter, StateFilter
 from akm_fg.relocalization.config import RelocalizationConfig
 from akm_fg.relocalization.likelihood import StateLikelihood
 from akm_fg.relocalization.records import Hypotheses, Mode, StateBelief
-from akm_fg.relocalization.silhouette import Silhouette, Stands
+from akm_fg.relocalization.silhouette import Silhouette, Stands, facing
 from akm_fg.stream.seen_so_far import Hand
 
 
@@ -170,8 +170,8 @@ class Relocalizer:
 
     def _unseen(self, frame: RgbdFrame, reason: str) -> StateBelief:
         """By its outline, of a part whose surface is not found; nothing where that is silent."""
-        stands = self._silhouette.stands(frame, self._grid.states)
-        if stands is None or stands.probability < self.config.sure:
+        stands = self._stood(frame, self._grid.states)
+        if stands is None:
             return self._nothing(frame, reason)
         return self._stands(frame, stands, None)
 
@@ -183,7 +183,7 @@ class Relocalizer:
         sd = float(np.sqrt(stands.sd**2 + self._of_model(stands.mean)))
         return StateBelief(
             frame.stamp_s, "tracking", stands.mean, sd, 0.0, stands.probability, False, None,
-            predicted, self._said(stands.mean, sd),
+            predicted, self._said(stands.mean, sd), by_outline=True,
         )  # fmt: skip
 
     def _said(self, mean: float, sd: float) -> str:
@@ -192,6 +192,18 @@ class Relocalizer:
         low, high = sorted(abs(mean + off * sd - closed) * unit for off in (-2.0, 2.0))
         told = f"it can only stand between {low:.1f} and {high:.1f} {name}"
         return f"the part's surface is not seen: by its outline {told}"
+
+    def _stood(self, frame: RgbdFrame, states: FloatArray) -> Stands | None:
+        """Where its outline puts it, of a part that hardly faces the camera there.
+
+        One that does is found by its surface, or is not there: its outline is no other's opinion.
+        """
+        c, stands = self.config, self._silhouette.stands(frame, states)
+        if stands is None or stands.probability < c.sure:
+            return None
+        x, normal = self._likelihood.surface.moved(stands.mean)
+        faces = facing(frame, x, normal, c.likelihood.least_cosine)
+        return stands if faces.mean() < c.silhouette.most_facing else None
 
     def _outlined(self, frame: RgbdFrame) -> Stands | None:
         """Where its outline puts a followed part, if that is surer than the belief, and agrees.
@@ -206,8 +218,8 @@ class Relocalizer:
         near = np.abs(self._grid.states - kalman.mean) <= c.silhouette.reach_sigmas * sd
         if near.sum() < 3:
             return None
-        stands = self._silhouette.stands(frame, self._grid.states[near])
-        if stands is None or stands.sd >= sd or stands.probability < c.sure:
+        stands = self._stood(frame, self._grid.states[near])
+        if stands is None or stands.sd >= sd:
             return None
         agrees = kalman.innovation(stands.mean, stands.sd**2) <= c.gate_nis
         return stands if agrees else None

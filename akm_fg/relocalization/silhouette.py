@@ -127,6 +127,15 @@ class Silhouette:
         return np.asarray((p_world - T.translation()) @ T.rotation().matrix())
 
 
+def facing(
+    frame: RgbdFrame, x: FloatArray, normal: FloatArray, least_cosine: float
+) -> BoolArray:
+    """(S,) whether points (S, 3) with normals are turned to the camera enough to be read."""
+    rays = frame.T_world_cam.translation() - x
+    cosine = (rays * normal).sum(axis=1) / np.maximum(np.linalg.norm(rays, axis=1), 1e-9)
+    return np.asarray(cosine > least_cosine)
+
+
 @dataclass(frozen=True, slots=True)
 class _Grid:
     """Points of which the image has pixels, and the depths that cells of the image span."""
