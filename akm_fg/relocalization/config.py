@@ -77,10 +77,10 @@ class SilhouetteConfig:
     least_cells: int = 60
     least_on: float = 0.7
     most_behind: float = 0.18
-    # Of a state, beyond the readings: outlines are fattened by the sensor, boards thicker or thinner
-    # than taken, joints a little off. On doors of furniture-dev it was 0.7 deg, rms, of 0.25 m.
+    # Of the points' way, beyond the readings: outlines are fattened by the sensor, boards thicker
+    # or thinner than taken. On doors of furniture-dev states were off by 0.7 deg, rms.
     outline_m: float = 0.006
-    # A followed part is looked for so where its belief is so many times wider than an outline tells.
+    # A followed part is looked for where its belief is so many times wider than an outline tells.
     worth: float = 1.5
     reach_sigmas: float = 4.0  # of the belief, about which it is looked for
     most_floors: float = 2.0  # a deviation beyond so many of that is of several places, not of one
@@ -110,8 +110,8 @@ class RelocalizationConfig:
     match: KnownSurfaceConfig = field(default_factory=KnownSurfaceConfig)
     gate_nis: float = 10.8  # of an innovation, one degree of freedom: one in a thousand beyond
     least_found: float = 0.3  # of the points that should be seen, that must be on the surface
-    # So few, of a front that is nearly edge-on, are its outline's pixels: Gauss-Newton ends where it
-    # began, a degree off and sure of it, unless most of what should be seen is among them.
+    # So few, of a front that is nearly edge-on, are its outline's pixels: Gauss-Newton ends where
+    # it began, a degree off and sure of it, unless most of what should be seen is among them.
     sliver: int = 60
     least_of_sliver: float = 0.6
     patience: int = 3  # frames that contradict the belief before it is given up

@@ -8,29 +8,20 @@ lost:      frames contradict the belief, or it explains nothing -> searching
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
 from akm_fg.model.records import ObjectModel
 from akm_fg.perception.depth.depth_noise import DepthNoiseModel
-from akm_fg.perception.surface.known_surface import Found
 from akm_fg.records import FloatArray, RgbdFrame
 from akm_fg.relocalization.bayes_filters import GridFilter, StateFilter
 from akm_fg.relocalization.config import RelocalizationConfig
 from akm_fg.relocalization.likelihood import StateLikelihood
 from akm_fg.relocalization.records import Hypotheses, Mode, StateBelief
 from akm_fg.relocalization.silhouette import Silhouette, Stands, facing
+from akm_fg.relocalization.surface_state import SurfaceState
 from akm_fg.stream.seen_so_far import Hand
-
-
-@dataclass(frozen=True, slots=True)
-class _Measured:
-    """A state that the surface of one frame tells."""
-
-    q: float
-    variance: float
-    share: float  # of the points that should be seen, that were found
 
 
 class Relocalizer:
@@ -59,6 +50,7 @@ class Relocalizer:
         self._likelihood = StateLikelihood(self.part, model.static, self.config.likelihood)
         self._silhouette = Silhouette(self.part, model.static, self.config.silhouette)
         self._grid = GridFilter(self._states())
+        self._surface = SurfaceState(self._likelihood, self._noise, self.config, self._grid.states)
         self._filter: StateFilter | None = None
         self._probability = 0.0  # of the tracked hypothesis
         self._stamp_s: float | None = None
@@ -238,7 +230,7 @@ class Relocalizer:
         peaks = peaks[np.argsort(-p[peaks])][: c.kept]
         step = float(q[1] - q[0])
         found: list[tuple[float, float, float]] = []
-        ends = [self._measured(frame, float(q[k]), 1.5 * step) for k in peaks]
+        ends = [self._surface.measured(frame, float(q[k]), 1.5 * step) for k in peaks]
         told = [
             (end, float(q[k]))
             for end, k in zip(ends, peaks, strict=True)
@@ -298,7 +290,7 @@ class Relocalizer:
             kalman.predict(dt_s, *shift)
         predicted = kalman.mean
         reach = 3.0 * float(np.sqrt(kalman.variance))
-        measured = self._measured(frame, predicted, reach)
+        measured = self._surface.measured(frame, predicted, reach)
         nis, reason = None, None
         if felt is not None and measured is None:
             self._feel(*felt)
@@ -346,62 +338,6 @@ class Relocalizer:
             )  # fmt: skip
         return belief
 
-    def _measured(self, frame: RgbdFrame, q: float, reach: float) -> _Measured | None:
-        """The state that the surface tells, looked for around a state; None where it tells none."""
-        c, surface = self.config, self._likelihood.surface
-        starts = [q] if reach <= self._narrow(q) else self._starts(frame, q, reach)
-        return self._checked(frame, surface.solved(frame, self._noise, np.array(starts), c.match))
-
-    def _starts(self, frame: RgbdFrame, q: float, reach: float) -> list[float]:
-        """The state itself, and the likeliest of the grid's about it: never beyond the range."""
-        states = self._grid.states[np.abs(self._grid.states - q) <= reach]
-        if not states.size:
-            return [q]
-        odds = self._likelihood.log_odds(frame, self._noise, states)
-        return [q, float(states[int(odds.argmax())])]
-
-    def _narrow(self, q: float) -> float:
-        """The way within which Gauss-Newton finds the surface from one start, as a state."""
-        return 0.7 * self.config.match.gates_m[0] / self._likelihood.surface.metres_per_unit(q)
-
-    def _checked(self, frame: RgbdFrame, found: Found) -> _Measured | None:
-        c, surface = self.config, self._likelihood.surface
-        if found.information <= 0.0:
-            return None
-        shown = self._likelihood.shown(frame, found.q)
-        good = found.good & shown
-        share = float(good.sum()) / max(int(shown.sum()), 1)
-        few = good.sum() < c.sliver and share < c.least_of_sliver
-        if share < c.least_found or good.sum() < 10 or few:
-            return None
-        per_unit = surface.metres_per_unit(found.q)
-        if found.along_m < c.outline_along * per_unit:
-            return self._by_outline(frame, found.q, share)
-        variance = c.likelihood.as_one / found.information + (c.shared_m / found.along_m) ** 2
-        return _Measured(found.q, variance, share)
-
-    def _by_outline(self, frame: RgbdFrame, q: float, share: float) -> _Measured:
-        """The state of a part that slides along its own surface: where that begins and ends tells.
-
-        Mean and variance of the depth's evidence for states about the one that was found. Outlines
-        are no sharper than a share of a pixel, by the same in all readings.
-        """
-        c, surface = self.config, self._likelihood.surface
-        per_unit = surface.metres_per_unit(q)
-        mean, spread = q, 0.0
-        for reach_m in c.outline_reaches_m:
-            reach = reach_m / per_unit
-            states = mean + np.linspace(-reach, reach, c.outline_states)
-            odds = self._likelihood.together(frame, self._noise, states)
-            weight = np.exp(odds - odds.max())
-            weight = weight / weight.sum()
-            mean = float(weight @ states)
-            spread = float(weight @ (states - mean) ** 2)
-        T = frame.T_world_cam
-        depth = (surface.moved(mean)[0] - T.translation()) @ T.rotation().matrix()[:, 2]
-        pixel = float(np.median(depth)) / frame.camera.fx / per_unit
-        return _Measured(mean, spread + (c.outline_px * pixel) ** 2, share)
-
     def _against_belief(self, frame: RgbdFrame, q: float) -> str | None:
         """Why a part that is not found where it is believed is not just hidden; None: it may be."""
         c, shares = self.config.search, self._likelihood.shares(frame, self._noise, q)
@@ -415,7 +351,7 @@ class Relocalizer:
         here = float(self._likelihood.log_odds(frame, self._noise, np.array([q]))[0])
         if odds.max() - max(here, 0.0) < c.least_log_odds:
             return None
-        measured = self._measured(frame, best, 2.0 * abs(float(states[1] - states[0])))
+        measured = self._surface.measured(frame, best, 2.0 * abs(float(states[1] - states[0])))
         if measured is None or not self._fits(frame, measured.q):
             return None
         return "the part is seen at another state"

@@ -127,9 +127,7 @@ class Silhouette:
         return np.asarray((p_world - T.translation()) @ T.rotation().matrix())
 
 
-def facing(
-    frame: RgbdFrame, x: FloatArray, normal: FloatArray, least_cosine: float
-) -> BoolArray:
+def facing(frame: RgbdFrame, x: FloatArray, normal: FloatArray, least_cosine: float) -> BoolArray:
     """(S,) whether points (S, 3) with normals are turned to the camera enough to be read."""
     rays = frame.T_world_cam.translation() - x
     cosine = (rays * normal).sum(axis=1) / np.maximum(np.linalg.norm(rays, axis=1), 1e-9)
@@ -151,7 +149,7 @@ class _Grid:
 def _grid_of(frame: RgbdFrame, p_cam: FloatArray, cell_px: int) -> _Grid:
     camera = frame.camera
     uv = np.nan_to_num(camera.project(p_cam), nan=-1.0).round().astype(int)
-    inside: BoolArray = (uv >= 0).all(axis=1) & (uv < (camera.width, camera.height)).all(axis=1)
+    inside = np.asarray((uv >= 0).all(axis=1) & (uv < (camera.width, camera.height)).all(axis=1))
     (u, v), z = uv[inside].T, p_cam[inside, 2]
     at = v // cell_px, u // cell_px
     shape = -(-camera.height // cell_px), -(-camera.width // cell_px)

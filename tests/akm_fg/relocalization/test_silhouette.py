@@ -91,7 +91,7 @@ def test_a_followed_door_that_turns_edge_on_is_not_lost(door, model) -> None:
 
 
 def test_readings_that_what_rests_explains_are_no_evidence(door, model) -> None:
-    """A closed door's cells hold what is around it, too: of a cabinet without one, nothing is on."""
+    """A closed door's cells hold what is around it, too; without the door nothing is on it."""
     config = RelocalizationConfig().silhouette
     silhouette = Silhouette(model.parts[0], model.static, config)
     states = np.linspace(-0.1, 1.8, 120) * opens(model)
