@@ -411,7 +411,7 @@ class Manipulator:
                 pass
         for _ in range(self._config.search_frames):
             frame = self._look()
-            if self._seen():
+            if self._seen() or self._outlined():
                 break
             self._wait()  # a part that is not where it was believed is given up after some frames
         self._frame = self._part.corrected(frame)
@@ -425,6 +425,11 @@ class Manipulator:
         """Whether the last frame shows the part, at a state that is known."""
         belief = self._run.belief
         return belief is not None and belief.seen and self._state() is not None
+
+    def _outlined(self) -> bool:
+        """Whether the last frame tells by its outline where the part is, to what a hand feels."""
+        belief = self._run.belief
+        return belief is not None and belief.by_outline and self._borne_unseen()
 
     def _borne_unseen(self) -> bool:
         """Whether a state that no frame shows is known as well as a hand can feel for a handle."""

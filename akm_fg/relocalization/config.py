@@ -53,6 +53,42 @@ class SearchConfig:
 
 
 @dataclass(frozen=True, slots=True)
+class SilhouetteConfig:
+    """Where a part stands whose surface is not seen: as a board, along the rays of the image."""
+
+    points: int = 6000  # of the part's surface, spread: no cell between them stays empty
+    static_points: int = 20_000  # of what rests
+    flat_m: float = 0.008  # from the plane of most points, a point is of the board's front
+    board_m: float = 0.018  # thickness: fronts of furniture are 15 to 22 mm thick
+    layers: tuple[float, ...] = (0.5, 1.0)  # of the thickness, behind the front
+    cell_px: int = 4
+    slack_m: float = 0.015  # of a cell's depths: of the surface, the joint and the sensor
+    explained_m: float = 0.02  # from what rests, a reading is of that
+    # Shares of readings along rays that a board covers, as of `LikelihoodConfig`.
+    on: float = 0.80
+    before: float = 0.17
+    behind: float = 0.03
+    depth_range_m: float = 1.0
+    as_one: float = 4.0  # cells that err together: a stereo camera's window is two cells wide
+    # Of the surface's points, turned to the camera enough to be read: a part with more of them is
+    # found by its surface or is not there.
+    most_facing: float = 0.4
+    least_log_odds: float = 20.0  # for standing there, against a scene without the part
+    least_cells: int = 60
+    least_on: float = 0.7
+    most_behind: float = 0.18
+    # Of the points' way, beyond the readings: outlines are fattened by the sensor, boards thicker
+    # or thinner than taken. On doors of furniture-dev states were off by 0.7 deg, rms.
+    outline_m: float = 0.006
+    # A followed part is looked for where its belief is so many times wider than an outline tells.
+    worth: float = 1.5
+    reach_sigmas: float = 4.0  # of the belief, about which it is looked for
+    most_floors: float = 2.0  # a deviation beyond so many of that is of several places, not of one
+    static_off_m: float = 0.03  # behind where it should be, what rests is not there
+    least_static: float = 0.8  # of what rests, where nothing stands before it
+
+
+@dataclass(frozen=True, slots=True)
 class MotionConfig:
     """How a part moves when nobody says how."""
 
@@ -69,10 +105,15 @@ class RelocalizationConfig:
 
     likelihood: LikelihoodConfig = field(default_factory=LikelihoodConfig)
     search: SearchConfig = field(default_factory=SearchConfig)
+    silhouette: SilhouetteConfig = field(default_factory=SilhouetteConfig)
     motion: MotionConfig = field(default_factory=MotionConfig)
     match: KnownSurfaceConfig = field(default_factory=KnownSurfaceConfig)
     gate_nis: float = 10.8  # of an innovation, one degree of freedom: one in a thousand beyond
     least_found: float = 0.3  # of the points that should be seen, that must be on the surface
+    # So few, of a front that is nearly edge-on, are its outline's pixels: Gauss-Newton ends where
+    # it began, a degree off and sure of it, unless most of what should be seen is among them.
+    sliver: int = 60
+    least_of_sliver: float = 0.6
     patience: int = 3  # frames that contradict the belief before it is given up
     shared_m: float = 0.0005  # of the surface and a frame's depth, that all readings share
     sure: float = 0.99  # probability of one hypothesis from which the others are let go

@@ -27,6 +27,7 @@ class StateBelief:
     nis: float | None  # normalised innovation squared of the surface, one degree of freedom
     predicted: float | None = None  # before this frame was looked at
     reason: str | None = None  # why it is lost, or nothing is seen
+    by_outline: bool = False  # what told is where it hides what is behind it, and where not
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,34 +1,27 @@
 """The filter: from anywhere to a Gaussian, from frame to frame, and back when it is lost.
 
 searching: grid over the range -> hypotheses -> refined -> sure of one -> tracking
+           no surface is found -> it stands where its outline can only be -> tracking, unseen
 tracking:  predicted by hand, command or rate -> surface found again -> gate -> updated
 lost:      frames contradict the belief, or it explains nothing -> searching
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
 from akm_fg.model.records import ObjectModel
 from akm_fg.perception.depth.depth_noise import DepthNoiseModel
-from akm_fg.perception.surface.known_surface import Found
 from akm_fg.records import FloatArray, RgbdFrame
 from akm_fg.relocalization.bayes_filters import GridFilter, StateFilter
 from akm_fg.relocalization.config import RelocalizationConfig
 from akm_fg.relocalization.likelihood import StateLikelihood
 from akm_fg.relocalization.records import Hypotheses, Mode, StateBelief
+from akm_fg.relocalization.silhouette import Silhouette, Stands, facing
+from akm_fg.relocalization.surface_state import SurfaceState
 from akm_fg.stream.seen_so_far import Hand
-
-
-@dataclass(frozen=True, slots=True)
-class _Measured:
-    """A state that the surface of one frame tells."""
-
-    q: float
-    variance: float
-    share: float  # of the points that should be seen, that were found
 
 
 class Relocalizer:
@@ -55,7 +48,9 @@ class Relocalizer:
         self.config, self.part = config or RelocalizationConfig(), model.parts[part]
         self._noise = noise or DepthNoiseModel()
         self._likelihood = StateLikelihood(self.part, model.static, self.config.likelihood)
+        self._silhouette = Silhouette(self.part, model.static, self.config.silhouette)
         self._grid = GridFilter(self._states())
+        self._surface = SurfaceState(self._likelihood, self._noise, self.config, self._grid.states)
         self._filter: StateFilter | None = None
         self._probability = 0.0  # of the tracked hypothesis
         self._stamp_s: float | None = None
@@ -149,11 +144,11 @@ class Relocalizer:
         odds = self._likelihood.log_odds(frame, self._noise, self._grid.states)
         if odds.max() < c.search.least_log_odds:
             reason = self._lost_because or "the part is not seen at any state"
-            return self._nothing(frame, reason)
+            return self._unseen(frame, reason)
         self._grid.update(odds + self._colours(frame, self._grid.states))
         found = self._hypotheses(frame)
         if found.q.size == 0:
-            return self._nothing(frame, "no state explains the surface that is seen")
+            return self._unseen(frame, "no state explains the surface that is seen")
         best = float(found.q[0]), float(found.sd[0]), float(found.probability[0])
         sd = float(np.sqrt(best[1] ** 2 + self._of_model(best[0])))
         if best[2] >= c.sure:
@@ -164,6 +159,62 @@ class Relocalizer:
         return StateBelief(
             frame.stamp_s, "searching", best[0], sd, None, best[2], True, None, None, reason
         )
+
+    def _unseen(self, frame: RgbdFrame, reason: str) -> StateBelief:
+        """By its outline, of a part whose surface is not found; nothing where that is silent."""
+        stands = self._stood(frame, self._grid.states)
+        if stands is None:
+            return self._nothing(frame, reason)
+        return self._stands(frame, stands, None)
+
+    def _stands(self, frame: RgbdFrame, stands: Stands, predicted: float | None) -> StateBelief:
+        """Follow from where the outline puts it."""
+        damping_s = self.config.motion.damping_s
+        self._filter = StateFilter(stands.mean, stands.sd, self._rate_sd(), damping_s)
+        self._probability, self._against, self._lost_because = stands.probability, 0, None
+        sd = float(np.sqrt(stands.sd**2 + self._of_model(stands.mean)))
+        return StateBelief(
+            frame.stamp_s, "tracking", stands.mean, sd, 0.0, stands.probability, False, None,
+            predicted, self._said(stands.mean, sd), by_outline=True,
+        )  # fmt: skip
+
+    def _said(self, mean: float, sd: float) -> str:
+        unit, name = (np.rad2deg(1.0), "deg") if self.part.joint.turns else (100.0, "cm")
+        closed = self.part.seen_state(self.part.closed_state)
+        low, high = sorted(abs(mean + off * sd - closed) * unit for off in (-2.0, 2.0))
+        told = f"it can only stand between {low:.1f} and {high:.1f} {name}"
+        return f"the part's surface is not seen: by its outline {told}"
+
+    def _stood(self, frame: RgbdFrame, states: FloatArray) -> Stands | None:
+        """Where its outline puts it, of a part that hardly faces the camera there.
+
+        One that does is found by its surface, or is not there: its outline is no other's opinion.
+        """
+        c, stands = self.config, self._silhouette.stands(frame, states)
+        if stands is None or stands.probability < c.sure:
+            return None
+        x, normal = self._likelihood.surface.moved(stands.mean)
+        faces = facing(frame, x, normal, c.likelihood.least_cosine)
+        return stands if faces.mean() < c.silhouette.most_facing else None
+
+    def _outlined(self, frame: RgbdFrame) -> Stands | None:
+        """Where its outline puts a followed part, if that is surer than the belief, and agrees.
+
+        To be taken instead of the belief, not into it: outlines err alike in all frames.
+        """
+        assert self._filter is not None
+        c, kalman = self.config, self._filter
+        sd = float(np.sqrt(kalman.variance))
+        if sd < c.silhouette.worth * self._silhouette.least_sd(kalman.mean):
+            return None
+        near = np.abs(self._grid.states - kalman.mean) <= c.silhouette.reach_sigmas * sd
+        if near.sum() < 3:
+            return None
+        stands = self._stood(frame, self._grid.states[near])
+        if stands is None or stands.sd >= sd:
+            return None
+        agrees = kalman.innovation(stands.mean, stands.sd**2) <= c.gate_nis
+        return stands if agrees else None
 
     def _nothing(self, frame: RgbdFrame, reason: str) -> StateBelief:
         mode: Mode = "searching" if self._lost_because is None else "lost"
@@ -179,7 +230,7 @@ class Relocalizer:
         peaks = peaks[np.argsort(-p[peaks])][: c.kept]
         step = float(q[1] - q[0])
         found: list[tuple[float, float, float]] = []
-        ends = [self._measured(frame, float(q[k]), 1.5 * step) for k in peaks]
+        ends = [self._surface.measured(frame, float(q[k]), 1.5 * step) for k in peaks]
         told = [
             (end, float(q[k]))
             for end, k in zip(ends, peaks, strict=True)
@@ -239,10 +290,14 @@ class Relocalizer:
             kalman.predict(dt_s, *shift)
         predicted = kalman.mean
         reach = 3.0 * float(np.sqrt(kalman.variance))
-        measured = self._measured(frame, predicted, reach)
+        measured = self._surface.measured(frame, predicted, reach)
         nis, reason = None, None
         if felt is not None and measured is None:
             self._feel(*felt)
+        if measured is None:
+            stands = self._outlined(frame)
+            if stands is not None:
+                return self._stands(frame, stands, predicted)
         if measured is not None:
             nis = kalman.innovation(measured.q, measured.variance)
             if nis <= c.gate_nis:
@@ -276,67 +331,12 @@ class Relocalizer:
         self._filter, self._lost_because = None, reason
         self._grid = GridFilter(self._grid.states)
         belief = self._search(frame, 0.0, None)
-        if belief.mode == "tracking":
+        if belief.mode == "tracking" and belief.seen:
             return StateBelief(
                 belief.stamp_s, "tracking", belief.mean, belief.sd, belief.rate,
                 belief.probability, True, None, None, f"lost ({reason}) and found again",
             )  # fmt: skip
         return belief
-
-    def _measured(self, frame: RgbdFrame, q: float, reach: float) -> _Measured | None:
-        """The state that the surface tells, looked for around a state; None where it tells none."""
-        c, surface = self.config, self._likelihood.surface
-        starts = [q] if reach <= self._narrow(q) else self._starts(frame, q, reach)
-        return self._checked(frame, surface.solved(frame, self._noise, np.array(starts), c.match))
-
-    def _starts(self, frame: RgbdFrame, q: float, reach: float) -> list[float]:
-        """The state itself, and the likeliest of the grid's about it: never beyond the range."""
-        states = self._grid.states[np.abs(self._grid.states - q) <= reach]
-        if not states.size:
-            return [q]
-        odds = self._likelihood.log_odds(frame, self._noise, states)
-        return [q, float(states[int(odds.argmax())])]
-
-    def _narrow(self, q: float) -> float:
-        """The way within which Gauss-Newton finds the surface from one start, as a state."""
-        return 0.7 * self.config.match.gates_m[0] / self._likelihood.surface.metres_per_unit(q)
-
-    def _checked(self, frame: RgbdFrame, found: Found) -> _Measured | None:
-        c, surface = self.config, self._likelihood.surface
-        if found.information <= 0.0:
-            return None
-        shown = self._likelihood.shown(frame, found.q)
-        good = found.good & shown
-        share = float(good.sum()) / max(int(shown.sum()), 1)
-        if share < c.least_found or good.sum() < 10:
-            return None
-        per_unit = surface.metres_per_unit(found.q)
-        if found.along_m < c.outline_along * per_unit:
-            return self._by_outline(frame, found.q, share)
-        variance = c.likelihood.as_one / found.information + (c.shared_m / found.along_m) ** 2
-        return _Measured(found.q, variance, share)
-
-    def _by_outline(self, frame: RgbdFrame, q: float, share: float) -> _Measured:
-        """The state of a part that slides along its own surface: where that begins and ends tells.
-
-        Mean and variance of the depth's evidence for states about the one that was found. Outlines
-        are no sharper than a share of a pixel, by the same in all readings.
-        """
-        c, surface = self.config, self._likelihood.surface
-        per_unit = surface.metres_per_unit(q)
-        mean, spread = q, 0.0
-        for reach_m in c.outline_reaches_m:
-            reach = reach_m / per_unit
-            states = mean + np.linspace(-reach, reach, c.outline_states)
-            odds = self._likelihood.together(frame, self._noise, states)
-            weight = np.exp(odds - odds.max())
-            weight = weight / weight.sum()
-            mean = float(weight @ states)
-            spread = float(weight @ (states - mean) ** 2)
-        T = frame.T_world_cam
-        depth = (surface.moved(mean)[0] - T.translation()) @ T.rotation().matrix()[:, 2]
-        pixel = float(np.median(depth)) / frame.camera.fx / per_unit
-        return _Measured(mean, spread + (c.outline_px * pixel) ** 2, share)
 
     def _against_belief(self, frame: RgbdFrame, q: float) -> str | None:
         """Why a part that is not found where it is believed is not just hidden; None: it may be."""
@@ -351,7 +351,7 @@ class Relocalizer:
         here = float(self._likelihood.log_odds(frame, self._noise, np.array([q]))[0])
         if odds.max() - max(here, 0.0) < c.least_log_odds:
             return None
-        measured = self._measured(frame, best, 2.0 * abs(float(states[1] - states[0])))
+        measured = self._surface.measured(frame, best, 2.0 * abs(float(states[1] - states[0])))
         if measured is None or not self._fits(frame, measured.q):
             return None
         return "the part is seen at another state"

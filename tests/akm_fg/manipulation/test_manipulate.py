@@ -339,6 +339,32 @@ def test_a_part_that_clear_looks_do_not_show_is_neither_held_nor_pushed(moved):
     assert world.log.count("grasp") == 1 and "push" not in actions(run)
 
 
+class Outlined(Follower):
+    """By its outline until it has been moved into view: 12 mm, and no frame shows its surface."""
+
+    def update(self, frame, hand=None, commanded=None, felt=None):
+        belief = super().update(frame, hand, commanded, felt)
+        if self.world.state > 0.2:
+            return belief
+        return replace(belief, sd=0.012, seen=False, by_outline=True)
+
+
+def test_a_part_that_its_outline_tells_is_held_at_once_and_brought_into_view(moved):
+    world = World(0.1)
+    run = moved(world, 0.3, follower=Outlined)
+    assert run.failure is None and world.state == pytest.approx(0.3)
+    assert actions(run)[:2] == ["look", "grasp"]
+    assert sum(d.action == "look" for d in run.decisions) == 1
+    # One frame tells it: no further ones are waited for.
+    assert run.decisions[1].looks == 1
+
+
+def test_an_outline_alone_ends_nothing(moved):
+    world = World(0.1)
+    run = moved(world, 0.101, follower=Outlined)
+    assert run.failure is not None and run.probability < 0.95
+
+
 def test_holds_that_fail_are_counted_and_end(moved):
     world = World(0.1)
     world.blocked = [GraspFailed("the fingers met with nothing between them")]
