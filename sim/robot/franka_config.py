@@ -47,7 +47,7 @@ class FrankaConfig:
     aslant_rad: float = 0.0
     felt_back_m: float = 0.004  # from it, before the fingers close: they do not drag along it
     arrival_m: float = 0.008  # farther than this from the grasp pose: something was in the way
-    close_max_s: float = 7.0  # 40 mm at the 7 mm/s that the coupled fingers reach, and the squeeze
+    close_max_s: float = 7.0  # 40 mm at 7 mm/s, as slow as any closes, and the squeeze
     squeeze_s: float = 0.1  # at full force, before the hand is taken to hold
     open_s: float = 0.9  # 40 mm at 50 mm/s, and a little
     settle_s: float = 0.3  # at the end of a straight line

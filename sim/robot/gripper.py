@@ -24,6 +24,7 @@ class GripperConfig:
     touch_s: float = 0.03  # for this long
     opened_m: float = 0.0005  # this far from its end a finger stops: a hit would jerk the arm
     gear_force_n: float = 200.0  # what the coupling may use: more than both fingers push
+    slips_m_s: float = 0.03  # faster fingers have lost what they squeezed
 
 
 class SimGripper:
@@ -38,6 +39,10 @@ class SimGripper:
         self._force_n = 0.0
         self._stood_s = 0.0
         self._opening = False
+        mass = [
+            p.getDynamicsInfo(self._robot, j, physicsClientId=self._client)[0] for j in self.joints
+        ]
+        self._finger_kg = min(mass)
         self.open()
 
     def _couple(self) -> None:
@@ -90,13 +95,25 @@ class SimGripper:
         if self._opening and min(travel_m) > c.open_m - c.opened_m:
             self._opening = False
             self._drive(0.0, c.force_n)
-        if not self.squeezing or self.at_full_force:
+        if not self.squeezing:
             return
-        stands = max(abs(speed) for speed in speeds_m_s) < c.touch_m_s
-        self._stood_s = self._stood_s + step_s if stands else 0.0
+        speed_m_s = max(abs(speed) for speed in speeds_m_s)
+        self._stood_s = self._stood_s + step_s if speed_m_s < c.touch_m_s else 0.0
         if self._force_n > c.seek_n or self._stood_s >= c.touch_s:
             force_n = min(self._force_n + c.ramp_n_s * step_s, c.force_n)
-            self._drive(-c.close_m_s, force_n)
+            self._squeeze(force_n, step_s, lost=speed_m_s > c.slips_m_s)
+
+    def _squeeze(self, force_n: float, step_s: float, lost: bool) -> None:
+        """A finger that stands pushes with what its motor may use.
+
+        The motor is a constraint on the speed, and its force, where something is in the way, what
+        the solver's sweeps make of the wanted speed: of one sweep no more than the finger's
+        momentum at it. So the speed is that which the force would give the finger in one step;
+        fingers that move at once are braked instead.
+        """
+        self._drive(
+            -self.config.close_m_s - (not lost) * force_n * step_s / self._finger_kg, force_n
+        )
 
     def _drive(self, speed_m_s: float, force_n: float) -> None:
         self._force_n = force_n
