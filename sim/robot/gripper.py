@@ -38,7 +38,7 @@ class SimGripper:
         self.squeezing = False
         self._force_n = 0.0
         self._stood_s = 0.0
-        self._opening = False
+        self._opening = self._braking = False
         mass = [
             p.getDynamicsInfo(self._robot, j, physicsClientId=self._client)[0] for j in self.joints
         ]
@@ -98,22 +98,25 @@ class SimGripper:
         if not self.squeezing:
             return
         speed_m_s = max(abs(speed) for speed in speeds_m_s)
+        if speed_m_s > c.slips_m_s:  # what was squeezed is lost: stop, and seek anew
+            self._stood_s, self._braking = 0.0, True
+            return self._drive(-c.close_m_s, c.force_n)
+        if self._braking:
+            self._braking = False
+            return self._drive(-c.close_m_s, c.seek_n)
         self._stood_s = self._stood_s + step_s if speed_m_s < c.touch_m_s else 0.0
         if self._force_n > c.seek_n or self._stood_s >= c.touch_s:
-            force_n = min(self._force_n + c.ramp_n_s * step_s, c.force_n)
-            self._squeeze(force_n, step_s, lost=speed_m_s > c.slips_m_s)
+            self._squeeze(min(self._force_n + c.ramp_n_s * step_s, c.force_n), step_s)
 
-    def _squeeze(self, force_n: float, step_s: float, lost: bool) -> None:
+    def _squeeze(self, force_n: float, step_s: float) -> None:
         """A finger that stands pushes with what its motor may use.
 
         The motor is a constraint on the speed, and its force, where something is in the way, what
         the solver's sweeps make of the wanted speed: of one sweep no more than the finger's
-        momentum at it. So the speed is that which the force would give the finger in one step;
-        fingers that move at once are braked instead.
+        momentum at it. So the speed is that which the force would give the finger in one step.
         """
-        self._drive(
-            -self.config.close_m_s - (not lost) * force_n * step_s / self._finger_kg, force_n
-        )
+        wanted_m_s = self.config.close_m_s + force_n * step_s / self._finger_kg
+        self._drive(-wanted_m_s, force_n)
 
     def _drive(self, speed_m_s: float, force_n: float) -> None:
         self._force_n = force_n
