@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Iterator
-from typing import Protocol
 
 import gtsam
 import numpy as np
@@ -21,7 +20,6 @@ from akm_fg.errors import AkmError, GraspFailed, MotionInfeasible, TracksLost
 from akm_fg.exploration.processor_time import taking
 from akm_fg.grasping.pushed_aside import PushedAside
 from akm_fg.interfaces import Arm, Camera
-from akm_fg.io.recording_depth import as_stored
 from akm_fg.manipulation.carried_grasps import (
     ChosenGrasp,
     FreshGrasps,
@@ -31,56 +29,15 @@ from akm_fg.manipulation.carried_grasps import (
     way_of,
 )
 from akm_fg.manipulation.config import ManipulateConfig
-from akm_fg.manipulation.felt_state import can_be_felt_for, felt_state
-from akm_fg.manipulation.length_scale import LengthScale
+from akm_fg.manipulation.felt_state import felt_state
 from akm_fg.manipulation.pushing import choose_push
-from akm_fg.manipulation.records import Action, Decision, Goal, Hold, Manipulation, Stop
+from akm_fg.manipulation.records import Goal, Hold, Manipulation, Stop
+from akm_fg.manipulation.watch import Follower, Observer, Stream, Watch
 from akm_fg.model.records import ModelPart
 from akm_fg.planning.move_length import Move, next_move
 from akm_fg.planning.opening_path import plan_opening
-from akm_fg.records import Look, RgbdFrame
-from akm_fg.relocalization.records import StateBelief
-from akm_fg.stream.seen_so_far import Hand
 
 log = logging.getLogger(__name__)
-
-
-class Follower(Protocol):
-    """Tells a part's state from frames: see `akm_fg.relocalization.relocalizer`."""
-
-    def update(
-        self,
-        frame: RgbdFrame,
-        hand: Hand | None = None,
-        commanded: float | None = None,
-        felt: tuple[float, float] | None = None,
-    ) -> StateBelief:
-        """Take in the next frame."""
-        ...
-
-
-class Stream(Protocol):
-    """Takes frames in as they come, to learn the joint better."""
-
-    def add(self, frame: RgbdFrame, hand: Hand | None = None) -> object:
-        """Take in the next frame."""
-        ...
-
-
-class Observer(Protocol):
-    """Is told what happens, as it happens."""
-
-    def looked(self, look: Look) -> None:
-        """A frame was taken."""
-        ...
-
-    def decided(self, decision: Decision) -> None:
-        """What comes next, and why."""
-        ...
-
-
-class PartLost(MotionInfeasible):
-    """The part's state is not known."""
 
 
 class Manipulator:
@@ -112,26 +69,22 @@ class Manipulator:
         fresh: FreshGrasps | None = None,
         stream: Stream | None = None,
     ) -> None:
-        self._arm, self._camera, self._follower = arm, camera, follower
-        self._part, self._goal, self._run = part, goal, run
-        self._observer, self._config = observer, config or ManipulateConfig()
-        self._fresh, self._stream = fresh, stream
-        length_sd = 0.0 if part.correction is None else part.correction.length_share_sd
-        self._scale = LengthScale(part.joint.joint, length_sd, self._config.scale)
+        self._arm, self._part, self._goal, self._run = arm, part, goal, run
+        self._config, self._fresh = config or ManipulateConfig(), fresh
+        self._watch = Watch(arm, camera, follower, part, goal, run, observer, self._config, stream)
         self._failed_holds = 0
         self._short_m = 0.0  # of where the hand was sent, by friction: the next move makes it up
         self._lost_grasps: list[gtsam.Pose3] = []
         self._aside = PushedAside()
-        self._frame: RgbdFrame | None = None  # the last from behind the arm
 
     def run(self) -> None:
         """The whole; `failure` of the run says in one line why the target was not reached."""
         run, config = self._run, self._config
         try:
             if self._arm.holding():
-                self._look()
-            if self._state() is None:
-                self._look_clear("where the part is, is not known")
+                self._watch.look()
+            if self._watch.state() is None:
+                self._watch.look_clear("where the part is, is not known")
             while not self._done():
                 if run.rounds >= config.max_rounds:
                     raise MotionInfeasible(
@@ -139,28 +92,28 @@ class Manipulator:
                     )
                 self._next()
         except (GraspFailed, MotionInfeasible, TracksLost) as error:
-            self._decide("end", str(error))
+            self._watch.decide("end", str(error))
             run.probability = run.decisions[-1].probability
             run.failure = f"{error} (probability {run.probability:.2f} of being within tolerance)"
 
     def _done(self) -> bool:
         """Whether the part is within tolerance, as sure as it is asked."""
-        q, sd = self._known()
+        q, sd = self._watch.known()
         goal, run = self._goal, self._run
         run.probability = probability_within(q, sd, goal.state, goal.tolerance)
         if run.probability >= self._config.confidence:
-            self._decide("end", "the part is where it should be")
+            self._watch.decide("end", "the part is where it should be")
             return True
         best = probability_within(goal.state, sd, goal.state, goal.tolerance)
         blurred = best < self._config.confidence
         if blurred and abs(q - goal.state) <= goal.tolerance:
             # No move makes it surer: only a look does.
-            self._look_clear("the state is not sure enough to end")
-            q, sd = self._known()
+            self._watch.look_clear("the state is not sure enough to end")
+            q, sd = self._watch.known()
             run.probability = probability_within(q, sd, goal.state, goal.tolerance)
             if run.probability < self._config.confidence:
                 raise MotionInfeasible("a clear look leaves the state as unsure as it was")
-            self._decide("end", "a clear look shows the part where it should be")
+            self._watch.decide("end", "a clear look shows the part where it should be")
             return True
         return False
 
@@ -171,10 +124,12 @@ class Manipulator:
                 self._take_hold()
             except (GraspFailed, MotionInfeasible) as error:
                 return self._push(error)
-        q, sd = self._known()
+        q, sd = self._watch.known()
         blind = self._config.planner == "blind"
-        if not (blind or self._seen() or self._borne_unseen()):
-            return self._look_clear("nobody sees the part, and its state is not known to the hand")
+        if not (blind or self._watch.seen() or self._watch.borne_unseen()):
+            return self._watch.look_clear(
+                "nobody sees the part, and its state is not known to the hand"
+            )
         move = self._blind_move(q) if blind else self._borne_move(q, sd)
         if move is None:
             return self._pull_on(q)
@@ -189,14 +144,14 @@ class Manipulator:
         Raises:
             GraspFailed, MotionInfeasible: `unheld`, where that leads nowhere either.
         """
-        q, _ = self._known()
+        q, _ = self._watch.known()
         wanted, config = self._goal.state, self._config
-        if config.planner == "blind" or not self._borne_unseen():
+        if config.planner == "blind" or not self._watch.borne_unseen():
             raise unheld
         try:
             with taking(self._run.time_s, "plan"):
                 T, reach = choose_push(self._arm, self._part, q, wanted, config.push, config.hold)
-            self._decide("push", f"cannot be held ({unheld})", wanted, reach=reach)
+            self._watch.decide("push", f"cannot be held ({unheld})", wanted, reach=reach)
             onward = way_of(self._part, T, q, wanted, config.hold)
             before = standoff(T, config.push.before_m)
             with taking(self._run.time_s, "reach"):
@@ -210,8 +165,8 @@ class Manipulator:
         path = plan_opening(self._part.joint, T, q, q + share * (wanted - q), config.push.hand)
         with taking(self._run.time_s, "move"):
             for _ in self._arm.follow(path, config.tick_s):
-                self._look()
-        self._look_clear("what was pushed may be anywhere on its way")
+                self._watch.look()
+        self._watch.look_clear("what was pushed may be anywhere on its way")
 
     def _borne_move(self, q: float, sd: float) -> Move | None:
         belief = self._run.belief
@@ -249,7 +204,7 @@ class Manipulator:
     def _move(self, q: float, move: Move) -> None:
         run, config = self._run, self._config
         run.rounds += 1
-        self._decide("move", _WHY[move.bound], move.q_end, move.foreseen)
+        self._watch.decide("move", _WHY[move.bound], move.q_end, move.foreseen)
         hand = self._arm.T_world_gripper()
         joint = self._part.joint.joint
         onward = float(np.sign(move.q_end - q))
@@ -275,7 +230,7 @@ class Manipulator:
         self._short_m = float(np.clip(gap_m, 0.0, most))
 
     def _off_target(self) -> bool:
-        return abs(self._known()[0] - self._goal.state) > self._goal.tolerance
+        return abs(self._watch.known()[0] - self._goal.state) > self._goal.tolerance
 
     def _followed(self, motion: Iterator[None], duration_s: float) -> bool:
         """Watch a motion to its end; True where it was ended since the hand did not get on."""
@@ -285,7 +240,7 @@ class Manipulator:
         while True:
             with taking(self._run.time_s, "move"):
                 more = next(motion, _DONE) is not _DONE
-            self._look()
+            self._watch.look()
             if not more:
                 return False
             ticks += 1
@@ -307,7 +262,7 @@ class Manipulator:
 
     def _met_stop(self, q_from: float, q_to: float) -> None:
         """The part did not go on: it has come to its stop, or jams."""
-        q, sd = self._known()
+        q, sd = self._watch.known()
         closed = self._part.closed_state
         opening = abs(q_to - closed) > abs(q_from - closed)
         self._run.stop = Stop(q, sd, opening)
@@ -324,7 +279,7 @@ class Manipulator:
         self._run.regrasps += 1
         if self._run.holds:
             self._lost_grasps.append(self._run.holds[-1].T_world_gripper)
-        self._look_clear(why)
+        self._watch.look_clear(why)
 
     def _pull_on(self, q: float) -> None:
         """The joint is too vague to lead the hand: the hand follows where the part lets it go."""
@@ -334,7 +289,7 @@ class Manipulator:
         way = joint.velocity(hand.translation()) * np.sign(self._goal.state - q)
         lever = float(np.linalg.norm(way))
         step_m = min(abs(self._goal.state - q) * lever, config.blind_step_m)
-        self._decide("pull", "the joint is too vague to lead the hand: the part leads it")
+        self._watch.decide("pull", "the joint is too vague to lead the hand: the part leads it")
         self._followed(self._arm.pull(way / max(lever, 1e-9), step_m, config.tick_s), np.inf)
         if not self._arm.holding():
             self._hold_otherwise("the grip was lost")
@@ -348,13 +303,13 @@ class Manipulator:
         """
         config = self._config.hold
         while True:
-            if self._frame is None:
-                self._look_clear("the arm must know what is around it")
-            q, sd = self._known()
+            if self._watch.frame is None:
+                self._watch.look_clear("the arm must know what is around it")
+            q, sd = self._watch.known()
             with taking(self._run.time_s, "plan"):
                 chosen = self._chosen(q, sd)
             what = "the front's edge" if chosen.grasp.board else "the handle"
-            self._decide(
+            self._watch.decide(
                 "grasp",
                 f"by {what}, {100 * chosen.reach:.0f} % of the way is within reach",
                 reach=chosen.reach,
@@ -373,153 +328,27 @@ class Manipulator:
                     raise
                 if isinstance(error, GraspFailed):
                     self._aside.failed(T, self._arm.T_world_gripper())
-                    self._look_clear(str(error))
+                    self._watch.look_clear(str(error))
                 else:  # no free way there: others may have one
                     log.info("grasp refused: %s", error)
                 continue
             hand = self._arm.T_world_gripper()
-            self._look(felt_state(self._part, q, T, hand, config))
-            q, _ = self._known()
+            self._watch.look(felt_state(self._part, q, T, hand, config))
+            q, _ = self._watch.known()
             self._run.holds.append(Hold(self._arm.T_world_gripper(), q, chosen.grasp.board))
             return
 
     def _chosen(self, q: float, sd: float) -> ChosenGrasp:
         fresh: list[gtsam.Pose3] = []
-        if self._fresh is not None and self._frame is not None and self._part.contacts:
+        if self._fresh is not None and self._watch.frame is not None and self._part.contacts:
             surface, held = self._part.surface.p_world, self._part.contacts[0].T_part_grasp
             T = self._part.T_world_part(q) * not_so_deep(held, surface, self._config.hold)
             normal = -T.rotation().matrix()[:, 2]
-            fresh = list(self._fresh(self._frame, T.translation(), normal))
+            fresh = list(self._fresh(self._watch.frame, T.translation(), normal))
         return choose_grasp(
             self._arm, self._part, q, sd, self._goal.state, fresh, self._lost_grasps,
             self._config.hold,
         )  # fmt: skip
-
-    def _look_clear(self, why: str) -> None:
-        """Frames from behind the arm, which lets go and keeps clear of what they show.
-
-        Raises:
-            PartLost: the state is not known after it.
-        """
-        if self._run.clear_looks >= self._config.most_looks:
-            raise PartLost(f"{why}, after {self._run.clear_looks} looks")
-        self._decide("look", why)
-        with taking(self._run.time_s, "step aside"):
-            frame = as_stored(self._camera.capture())
-            self._arm.see(self._part.corrected(frame))
-            for _ in self._arm.step_aside(frame, self._config.tick_s):
-                pass
-        for _ in range(self._config.search_frames):
-            frame = self._look()
-            if self._seen() or self._outlined():
-                break
-            self._wait()  # a part that is not where it was believed is given up after some frames
-        self._frame = self._part.corrected(frame)
-        self._arm.see(self._frame)
-        if not self._seen() and not self._borne_unseen():
-            belief = self._run.belief
-            told = "" if belief is None or belief.reason is None else f": {belief.reason}"
-            raise PartLost(f"the part is not found{told}")
-
-    def _seen(self) -> bool:
-        """Whether the last frame shows the part, at a state that is known."""
-        belief = self._run.belief
-        return belief is not None and belief.seen and self._state() is not None
-
-    def _outlined(self) -> bool:
-        """Whether the last frame tells by its outline where the part is, to what a hand feels."""
-        belief = self._run.belief
-        return belief is not None and belief.by_outline and self._borne_unseen()
-
-    def _borne_unseen(self) -> bool:
-        """Whether a state that no frame shows is known as well as a hand can feel for a handle."""
-        state = self._state()
-        return state is not None and can_be_felt_for(self._part, *state, self._config.hold)
-
-    def _wait(self) -> None:
-        """Until the next frame: nothing moves."""
-        frame = as_stored(self._camera.capture())
-        with taking(self._run.time_s, "step aside"):
-            for _ in self._arm.step_aside(frame, self._config.tick_s, unseen=True):
-                pass
-
-    def _look(self, felt: tuple[float, float] | None = None) -> RgbdFrame:
-        """One frame into the belief, unless the last was taken at this very moment.
-
-        `felt`: state and deviation that a hand tells which has just closed.
-        """
-        run = self._run
-        with taking(run.time_s, "camera"):
-            frame = as_stored(self._camera.capture())
-            look = Look(frame, self._arm.T_world_gripper(), self._arm.holding())
-        if run.looks and frame.stamp_s <= run.looks[-1].frame.stamp_s:
-            return run.looks[-1].frame
-        run.looks.append(look)
-        self._observer.looked(look)
-        hand = Hand(look.T_world_gripper, look.holding)
-        with taking(run.time_s, "relocalize"):
-            run.beliefs.append(self._follower.update(frame, hand, felt=felt))
-        self._take_scale(look)
-        if self._stream is not None:
-            with taking(run.time_s, "learn"):
-                self._learn(frame, hand)
-        return frame
-
-    def _take_scale(self, look: Look) -> None:
-        belief = self._run.beliefs[-1]
-        if not look.holding or belief.mode != "tracking":
-            self._scale.let_go()
-        elif belief.seen and belief.mean is not None and belief.sd is not None:
-            self._scale.held(belief.mean, belief.sd, look.T_world_gripper)
-
-    def _learn(self, frame: RgbdFrame, hand: Hand) -> None:
-        assert self._stream is not None
-        try:
-            self._stream.add(frame, hand)
-        except TracksLost as error:
-            log.info("nothing to learn from a frame: %s", error)
-
-    def _state(self) -> tuple[float, float] | None:
-        """State and standard deviation, as far as somebody knows them."""
-        belief = self._run.belief
-        if belief is None or belief.mode != "tracking":
-            return None
-        if belief.mean is None or belief.sd is None:
-            return None
-        return self._scale.true_state(belief.mean, belief.sd, self._part.closed_state)
-
-    def _known(self) -> tuple[float, float]:
-        """As `_state`, from a clear look where it is lost.
-
-        Raises:
-            PartLost: it stays lost.
-        """
-        state = self._state()
-        if state is None:
-            belief = self._run.belief
-            told = "" if belief is None or belief.reason is None else f": {belief.reason}"
-            self._look_clear(f"the part was lost{told}")
-            state = self._state()
-        assert state is not None
-        return state
-
-    def _decide(
-        self,
-        action: Action,
-        why: str,
-        commanded: float | None = None,
-        foreseen: dict[str, float] | None = None,
-        reach: float | None = None,
-    ) -> None:
-        state = self._state()
-        q, sd = state if state is not None else (None, None)
-        goal = self._goal
-        p = 0.0 if state is None else probability_within(*state, goal.state, goal.tolerance)
-        decision = Decision(
-            action, why, q, sd, p, len(self._run.looks), commanded, foreseen or {}, reach
-        )
-        self._run.decisions.append(decision)
-        self._observer.decided(decision)
 
 
 def _written(q: float, turns: bool) -> str:
