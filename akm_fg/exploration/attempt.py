@@ -5,75 +5,22 @@ Knows pictures, joint angles and whether something is between the fingers, and n
 
 from __future__ import annotations
 
-import time
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, field
-from typing import Protocol
+from collections.abc import Callable, Sequence
 
 import gtsam
 import numpy as np
 
-from akm_fg.errors import GraspFailed, InsufficientData, MotionInfeasible
+from akm_fg.errors import GraspFailed, MotionInfeasible
 from akm_fg.exploration.config import ExploreConfig
-from akm_fg.exploration.filled import filled
-from akm_fg.exploration.foresight import Pulled, bounds_of, foreseen
-from akm_fg.exploration.mobile_points import mobile_tracks, part_points
+from akm_fg.exploration.mobile_points import mobile_tracks
 from akm_fg.exploration.processor_time import taking
-from akm_fg.exploration.records import Attempt, Bounds, Hypothesis, Outcome, Stretch
+from akm_fg.exploration.pull_watch import Observer, PullWatch, Stream, Tried
+from akm_fg.exploration.records import Hypothesis, Outcome, Stretch
 from akm_fg.exploration.stopping import by_threshold, enough, moved_enough
 from akm_fg.grasping.pushed_aside import PushedAside
 from akm_fg.interfaces import Arm, Camera
-from akm_fg.io.recording_depth import as_stored
 from akm_fg.planning.opening_path import plan_opening
-from akm_fg.posterior import JointPosterior, StatePosterior
-from akm_fg.records import FloatArray, HandPath, Look, RgbdFrame
-from akm_fg.stages import RecordingFit
-from akm_fg.stream.seen_so_far import Hand
-
-
-class Stream(Protocol):
-    """Takes frames in as they come, and says what they mean: see `akm_fg.stream`."""
-
-    def add(self, frame: RgbdFrame, hand: Hand | None = None) -> object:
-        """Take in the next frame."""
-        ...
-
-    def posterior(self) -> RecordingFit:
-        """What was seen so far, and what it means."""
-        ...
-
-
-class Observer(Protocol):
-    """Is told what happens, as it happens."""
-
-    def begun(self, number: int, attempt: Attempt) -> None:
-        """An attempt begins."""
-        ...
-
-    def looked(self, look: Look) -> None:
-        """A frame of the attempt was taken."""
-        ...
-
-    def stretched(self, attempt: Attempt) -> None:
-        """A stretch was pulled and solved: the attempt's last."""
-        ...
-
-    def ended(self, number: int, attempt: Attempt) -> None:
-        """An attempt has its outcome."""
-        ...
-
-    def stage(self, words: str) -> None:
-        """What comes next."""
-        ...
-
-
-@dataclass(slots=True)
-class Tried:
-    """What an attempt left behind."""
-
-    attempt: Attempt
-    looks: list[Look] = field(default_factory=list)
-    fit: RecordingFit | None = None  # of its frames, where something moved
+from akm_fg.records import FloatArray, HandPath, RgbdFrame
 
 
 class Trier:
@@ -104,11 +51,10 @@ class Trier:
             other_way: another way to pull what is held and rigid.
             before: shows what the arm hides now and what has not moved since; None: nothing does.
         """
-        self._arm, self._camera, self._stream, self._feel_m = arm, camera, stream, feel_m
-        self._other_way = other_way
+        self._arm, self._feel_m, self._other_way = arm, feel_m, other_way
         self._tried, self._observer, self._config = tried, observer, config
         self._tick_s, self._time_s = config.pull.tick_s, tried.attempt.time_s
-        self._travel_m, self._before = 0.0, before
+        self._watch = PullWatch(arm, camera, stream, tried, observer, config, before)
 
     def run(self, grasps: Sequence[gtsam.Pose3]) -> None:
         """The attempt, from a first look to its outcome.
@@ -116,7 +62,7 @@ class Trier:
         Args:
             grasps: of the contact, best first.
         """
-        self._look()
+        self._watch.look()
         attempt = self._tried.attempt
         try:
             self._take_hold(grasps)
@@ -154,7 +100,7 @@ class Trier:
                 continue
             attempt.pulled = attempt.held = True
             attempt.T_world_grasp = self._arm.T_world_gripper()
-            self._look()
+            self._watch.look()
             return
         raise refusal or MotionInfeasible("no grasp was found on the cloud around the contact")
 
@@ -188,7 +134,7 @@ class Trier:
             if other is None:
                 return self._end("rigid", f"held, and {why}")
             attempt.rigid_before.append(attempt.hypothesis.way)
-            attempt.hypothesis, self._travel_m = other, 0.0
+            attempt.hypothesis, self._watch.travel_m = other, 0.0
             self._observer.stage(f"  {why}; pulling {other.way}")
 
     def _pull_on(self) -> str | None:
@@ -201,22 +147,22 @@ class Trier:
         for number in range(pull.most_stretches):
             advanced = self._stretch(direction, pull.stretch_m)
             if not self._arm.holding():
-                self._solve()
+                self._watch.solve()
                 if not self._hold_again("the grip was lost"):
-                    raise GraspFailed(f"the grip was lost after {_cm(self._travel_m)}")
+                    raise GraspFailed(f"the grip was lost after {_cm(self._watch.travel_m)}")
                 direction = self._tangent(advanced)
                 continue
             gave = self._gave(advanced)
             if not gave and number == 0:
                 return f"did not give by {_mm(pull.gave_m)}"
-            stretch = self._solve()
+            stretch = self._watch.solve()
             if stretch is None:
-                if self._travel_m > (pull.unseen_m if gave else pull.slipped_m):
+                if self._watch.travel_m > (pull.unseen_m if gave else pull.slipped_m):
                     if not self._found_from_aside():
                         return None
                     direction = self._tangent(advanced)
                 elif not gave:
-                    return f"gave {_mm(self._travel_m)} in all"
+                    return f"gave {_mm(self._watch.travel_m)} in all"
                 continue
             reason = enough(self._tried.attempt.stretches, self._config.stopping)
             if reason is not None:
@@ -241,7 +187,7 @@ class Trier:
         if self._opened_already() and not open_before:
             self._end("opened", "let go, and seen from aside")
             return False
-        raise GraspFailed(f"the hand went {_cm(self._travel_m)} and nothing was seen to move")
+        raise GraspFailed(f"the hand went {_cm(self._watch.travel_m)} and nothing was seen to move")
 
     def _gave(self, advanced: FloatArray) -> bool:
         return float(np.linalg.norm(advanced)) > self._config.pull.gave_m
@@ -250,7 +196,7 @@ class Trier:
         """The paper's pull and its check of what moved (Algorithm 2)."""
         pull, stopping = self._config.pull, self._config.stopping
         self._stretch(self._tried.attempt.hypothesis.direction_world, pull.straight_m)
-        self._solve()
+        self._watch.solve()
         fit, contact = self._tried.fit, self._tried.attempt.contact
         moved = None if fit is None else mobile_tracks(fit, contact)
         if moved is not None and by_threshold(moved, pull.straight_m, stopping):
@@ -262,7 +208,7 @@ class Trier:
     def _ended_early(self, why: str) -> None:
         stretches = self._tried.attempt.stretches
         if not self._opened_already() and stretches and not _state_seen(stretches[-1]):
-            self._from_aside("it is not seen how far the part has moved")
+            self._watch.from_aside("it is not seen how far the part has moved")
         if self._opened_already():
             self._end("opened", why)
         else:
@@ -279,36 +225,22 @@ class Trier:
         path = self._path_on(distance_m)
         try:
             if path is None:
-                self._watched(self._arm.pull(direction_world, distance_m, self._tick_s))
+                self._watch.watched(self._arm.pull(direction_world, distance_m, self._tick_s))
             else:
-                self._watched(self._arm.follow(path, self._tick_s))
+                self._watch.watched(self._arm.follow(path, self._tick_s))
         except MotionInfeasible:  # of the path: its end is out of reach, the way there may not be
-            self._watched(self._arm.pull(direction_world, distance_m, self._tick_s))
+            self._watch.watched(self._arm.pull(direction_world, distance_m, self._tick_s))
         advanced = self._arm.T_world_gripper().translation() - before
-        self._travel_m += float(np.linalg.norm(advanced))
+        self._watch.travel_m += float(np.linalg.norm(advanced))
         return np.asarray(advanced)
-
-    def _watched(self, motion: Iterator[None]) -> None:
-        """Run a motion to its end, a frame at every tick in which the hand has gone on."""
-        while True:
-            with taking(self._time_s, "pull"):
-                more = next(motion, _DONE) is not _DONE
-            if not more:
-                break
-            if self._gone_on():
-                self._look()
-        self._look()
-
-    def _gone_on(self) -> bool:
-        """Whether the hand is elsewhere than in the last frame: what stands still tells no more."""
-        looks = self._tried.looks
-        before = looks[-1].T_world_gripper.translation()
-        went = float(np.linalg.norm(self._arm.T_world_gripper().translation() - before))
-        return went > self._config.pull.look_m
 
     def _path_on(self, distance_m: float) -> HandPath | None:
         """Along the joint with the hand turning along; None as long as the joint is vague."""
-        stretches, joint, pull = self._tried.attempt.stretches, self._joint(), self._config.pull
+        stretches, joint, pull = (
+            self._tried.attempt.stretches,
+            self._watch.joint(),
+            self._config.pull,
+        )
         if not stretches or joint is None or stretches[-1].kind != str(joint.kind):
             return None
         last = stretches[-1]
@@ -321,90 +253,11 @@ class Trier:
         on = float(np.copysign(distance_m / max(way, 1e-3), last.state))
         return plan_opening(joint, hand, last.state, last.state + on, pull.hand)
 
-    def _look(self) -> None:
-        with taking(self._time_s, "camera"):
-            frame = self._camera.capture()
-            if self._before is not None:  # from then on it is the past
-                frame, self._before = filled(frame, self._before), None
-            frame = as_stored(frame)
-            look = Look(frame, self._arm.T_world_gripper(), self._arm.holding())
-        looks = self._tried.looks
-        if looks and frame.stamp_s <= looks[-1].frame.stamp_s:
-            return
-        looks.append(look)
-        self._observer.looked(look)
-        with taking(self._time_s, "watch"):
-            self._stream.add(frame, Hand(look.T_world_gripper, look.holding))
-
-    def _solve(self) -> Stretch | None:
-        """The joint from all frames of the attempt; None where nothing moved."""
-        began = time.process_time()
-        try:
-            with taking(self._time_s, "solve"):
-                fit = self._stream.posterior()
-        except InsufficientData:
-            return None
-        best = fit.posterior.best
-        if best.joint is None or best.states is None:
-            return None
-        if self._beyond_hand_m(best.joint, best.states) > self._config.pull.slipped_m:
-            self._observer.stage("  what is seen to move is not what is held: it went too far")
-            return None
-        self._tried.fit = fit
-        states = best.states if fit.carried is None else fit.carried
-        state, sd = float(states.mean[-1]), float(states.sd[-1])
-        known, seen = bool(np.isfinite(state)), bool(np.isfinite(best.states.mean[-1]))
-        frames = len(self._tried.looks)
-        stretch = Stretch(
-            travel_m=self._travel_m,
-            frames=frames,
-            kind=str(fit.posterior.kind),
-            kind_probability=dict(fit.posterior.kind_probability),
-            state=state if known else None,
-            state_sd=sd if known else None,
-            bounds=bounds_of(best.joint),
-            expected_next=None if not known else self._foreseen(fit, best.joint, state),
-            solve_s=time.process_time() - began,
-            seen=seen,
-        )
-        self._tried.attempt.stretches.append(stretch)
-        self._observer.stretched(self._tried.attempt)
-        return stretch
-
-    def _beyond_hand_m(self, joint: JointPosterior, states: StatePosterior) -> float:
-        """By how much more than the hand the held point must have gone, surely (3 sd).
-
-        A hand may slide along what it holds, but nothing that it holds goes farther than it does.
-        """
-        held = self._tried.attempt.T_world_grasp
-        seen = np.flatnonzero(np.isfinite(states.mean) & np.isfinite(states.sd))
-        if held is None or not len(seen):
-            return 0.0
-        state, sd = float(states.mean[seen[-1]]), float(states.sd[seen[-1]])
-        state = float(np.sign(state)) * max(abs(state) - 3.0 * sd, 0.0)
-        p = held.translation()
-        R, t = joint.joint.motion(np.array([state]))
-        hand = [look.T_world_gripper.translation() for look in self._tried.looks if look.holding]
-        went = max((float(np.linalg.norm(at - p)) for at in hand), default=0.0)
-        return float(np.linalg.norm(R[0] @ p + t[0] - p)) - went
-
-    def _foreseen(self, fit: RecordingFit, joint: JointPosterior, state: float) -> Bounds:
-        points = part_points(fit, self._tried.attempt.contact)
-        frames = len(self._tried.looks)
-        held = max(sum(look.holding for look in self._tried.looks), 1)
-        stretches = len(self._tried.attempt.stretches) + 1
-        then = Pulled(state * (stretches + 1) / stretches, frames + held // stretches)
-        return bounds_of(foreseen(joint, points, Pulled(state, frames), then))
-
-    def _joint(self) -> JointPosterior | None:
-        fit = self._tried.fit
-        return None if fit is None else fit.posterior.best.joint
-
     def _tangent(self, advanced: FloatArray) -> FloatArray:
         """Where the joint would take the hand next, (3,) unit; where it is vague, as it went."""
         length = float(np.linalg.norm(advanced))
         went = advanced / length if length > 1e-6 else None
-        joint, fit = self._joint(), self._tried.fit
+        joint, fit = self._watch.joint(), self._tried.fit
         sure = fit is not None and fit.posterior.kind == str(joint.kind) if joint else False
         if joint is None or (not sure and went is not None):
             assert went is not None
@@ -414,16 +267,6 @@ class Trier:
         if went is not None and along @ went < 0.0:
             along = -along
         return np.asarray(along)
-
-    def _from_aside(self, why: str) -> Stretch | None:
-        """Let go, look from where the arm hides little, and solve."""
-        self._observer.stage(f"{why}; looking from aside")
-        with taking(self._time_s, "reach"):
-            for _ in self._arm.step_aside(self._tried.looks[-1].frame, self._tick_s):
-                pass
-        self._look()
-        self._arm.see(self._tried.looks[-1].frame)
-        return self._solve()
 
     def _hold_again(self, why: str) -> bool:
         """Take hold anew of the part where it is seen now; False where that is not to be had.
@@ -435,7 +278,7 @@ class Trier:
             return False
         if attempt.T_world_grasp is None or self._opened_already():
             return False
-        stretch, joint = self._from_aside(why), self._joint()
+        stretch, joint = self._watch.from_aside(why), self._watch.joint()
         if stretch is None or stretch.state is None or joint is None or self._opened_already():
             return False
         attempt.regrasps += 1
@@ -447,7 +290,7 @@ class Trier:
                     pass
         except MotionInfeasible:
             return False
-        self._look()
+        self._watch.look()
         return True
 
 
@@ -461,6 +304,3 @@ def _cm(distance_m: float) -> str:
 
 def _mm(distance_m: float) -> str:
     return f"{1e3 * distance_m:.0f} mm"
-
-
-_DONE = object()
