@@ -49,6 +49,8 @@ class SearchConfig:
     least_readings: int = 30
     elsewhere: int = 4  # every how manieth state is tried where a followed part seems hidden
     apart_sigmas: float = 4.0  # hypotheses nearer than this are one
+    # Of the readings at the belief, of a part that is held: no look-alike elsewhere is it then.
+    on_as_believed: float = 0.9
     kept: int = 5
 
 

@@ -345,6 +345,9 @@ class Relocalizer:
             return None
         if shares.behind > 0.5:
             return "the camera looks through where the part should be"
+        held = self._hand is not None and self._hand.holding
+        if held and shares.on >= c.on_as_believed:
+            return None  # an arm hides most of it: what is seen besides is where the hand has it
         states = self._grid.states[:: c.elsewhere]
         odds = self._likelihood.log_odds(frame, self._noise, states)
         best = float(states[int(odds.argmax())])

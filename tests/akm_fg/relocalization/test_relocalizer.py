@@ -12,7 +12,9 @@ from akm_fg.io.recording_writer import write_recording
 from akm_fg.model.build import FittedRecording, build_model
 from akm_fg.model.write import write_model
 from akm_fg.records import CameraCorrection, Recording
+from akm_fg.relocalization.likelihood import Shares
 from akm_fg.relocalization.relocalizer import Relocalizer
+from akm_fg.relocalization.surface_state import Measured
 from akm_fg.stream.seen_so_far import Hand
 from experiments.trials.mishaps import of_wrong_kind
 
@@ -147,6 +149,32 @@ def test_a_hand_that_holds_carries_the_state_of_a_hidden_part(known):
     assert not belief.seen
     assert abs(belief.mean - q[-1]) < 3.5 * belief.sd
     assert belief.sd < 0.1 * abs(q[-1])
+
+
+@pytest.mark.parametrize("holding", [True, False])
+def test_a_look_alike_elsewhere_is_not_the_part_that_a_hand_holds(known, monkeypatch, holding):
+    """An arm hides most of the part; what is seen of it is where the belief has it."""
+    clip, model = known
+    follower = Relocalizer(model)
+    hand = Hand(gtsam.Pose3(gtsam.Rot3(), model.parts[0].surface.p_world.mean(axis=0)), holding)
+    there = follower.update(clip.frames[0], hand)
+    elsewhere = float(follower._grid.states[-3])
+
+    def odds(frame, noise, states):
+        return np.where(np.abs(states - elsewhere) < 0.05, 100.0, 40.0)
+
+    monkeypatch.setattr(follower._surface, "measured", lambda frame, q, reach: (
+        Measured(elsewhere, 1e-6, 0.5) if abs(q - elsewhere) < 0.05 else None
+    ))  # fmt: skip
+    monkeypatch.setattr(follower._likelihood, "shares", lambda *_: Shares(50, 1.0, 0.0, 0.0))
+    monkeypatch.setattr(follower._likelihood, "log_odds", odds)
+    told = [
+        follower.update(at(clip.frames[0], clip.frames[0].stamp_s + 0.1 * k), hand)
+        for k in range(1, 3)
+    ]
+    reason = "the part is hidden" if holding else "the part is seen at another state"
+    assert [belief.reason for belief in told] == [reason, reason]
+    assert told[-1].mode == "tracking" and told[-1].mean == pytest.approx(there.mean, abs=5e-3)
 
 
 def test_a_hand_that_takes_hold_where_nobody_looked_for_long_tells_the_state(known):
