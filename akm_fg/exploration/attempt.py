@@ -74,6 +74,7 @@ class Trier:
             if self._opened_already():
                 self._end("opened", f"opened, then {error}")
             else:
+                attempt.unseen_m = 0.0 if attempt.stretches else self._watch.travel_m
                 self._end("grasp_lost", str(error))
         except MotionInfeasible as error:
             attempt.grasps_refused = max(attempt.grasps_refused, 1)

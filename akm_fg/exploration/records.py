@@ -90,6 +90,7 @@ class Attempt:
     T_world_grasp: gtsam.Pose3 | None = None  # as it took hold, at the first state
     grasps_refused: int = 0
     regrasps: int = 0
+    unseen_m: float = 0.0  # that the hand went with what it held, and nothing was seen to move
     recording: str | None = None
     time_s: dict[str, float] = field(default_factory=dict)
 

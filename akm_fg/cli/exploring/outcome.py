@@ -22,6 +22,7 @@ from akm_fg.model.records import Contact, ObjectModel
 from akm_fg.model.write import write_model
 from akm_fg.posterior import ArticulationPosterior
 from akm_fg.records import JointTruth, Look, Recording, RgbdFrame, first_hold
+from akm_fg.relocalization.likelihood import StateLikelihood
 from akm_fg.relocalization.relocalizer import Relocalizer
 from akm_fg.report.summary import PartTracks, RunSummary
 from akm_fg.report.write import write_report
@@ -113,6 +114,7 @@ def write_part_model(folder: Path, exploration: Exploration, config: AkmConfig) 
     fitted = FittedRecording.of(recording, fit)
     try:
         model = _built(fitted, exploration, config)
+        _require_closed_known(model, exploration, config)
         closed = closed_at(model, exploration.first_look, config)
         why = "the part had crept open before the pull that opened it"
         if closed is None:
@@ -126,6 +128,29 @@ def write_part_model(folder: Path, exploration: Exploration, config: AkmConfig) 
         exploration.notes.append(f"no model.json: {error}")
         return None
     return write_model(folder, model)
+
+
+def _require_closed_known(model: ObjectModel, exploration: Exploration, config: AkmConfig) -> None:
+    """Refuse a part that slides along its own surface and may have been moved before, unseen.
+
+    Its outline alone tells where it was in the first look, which on plain sliding doors was 2 and
+    24 cm off and sure of it.
+
+    Raises:
+        InsufficientData: it is one.
+    """
+    last, others = exploration.attempts[-1], exploration.attempts[:-1]
+    unseen = [a.unseen_m for a in others if a.contact.front == last.contact.front]
+    settings = config.relocalization
+    likelihood = StateLikelihood(model.parts[0], model.static, settings.likelihood)
+    if max(unseen, default=0.0) <= UNSEEN_M:
+        return
+    if likelihood.slides_along_itself < settings.outline_along:
+        raise InsufficientData(
+            "where it is closed is not known: the hand had gone "
+            f"{100 * max(unseen):.0f} cm with it before, and a plain front does not show how far "
+            "it went along itself"
+        )
 
 
 def _built(fitted: FittedRecording, exploration: Exploration, config: AkmConfig) -> ObjectModel:
@@ -174,5 +199,6 @@ def began_at(posterior: ArticulationPosterior, recording: Recording) -> float | 
     return began if abs(began) > (CREPT_RAD if joint.turns else CREPT_M) else None
 
 
+UNSEEN_M = 0.03  # that a hand went with a part: less is the give of grips and catches
 CREPT_SIGMAS = 3.0  # of the state in the first look: less is no sign of it
 CREPT_M, CREPT_RAD = 0.003, 0.01  # nor is this: catches and pads give as much

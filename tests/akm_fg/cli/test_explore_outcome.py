@@ -1,5 +1,6 @@
 """What an exploration leaves where its last looks have no states."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import gtsam
@@ -8,8 +9,15 @@ import pytest
 
 from akm_fg.cli.exploring.explore import _print
 from akm_fg.cli.exploring.kept import Explored
-from akm_fg.cli.exploring.outcome import began_at, closed_at, last_recording, solved_frames
+from akm_fg.cli.exploring.outcome import (
+    _require_closed_known,
+    began_at,
+    closed_at,
+    last_recording,
+    solved_frames,
+)
 from akm_fg.config import AkmConfig
+from akm_fg.errors import InsufficientData
 from akm_fg.exploration.records import Exploration
 from akm_fg.model.build import FittedRecording, build_model
 from akm_fg.records import Look, Recording
@@ -47,6 +55,25 @@ def test_what_had_crept_open_before_is_closed_where_the_first_look_shows_it(requ
     states = model.parts[0].states
     found = closed_at(model, clip.frames[5], AkmConfig())
     assert found == pytest.approx(states.mean[5], abs=4 * states.sd[5] + 0.004)
+
+
+def test_a_front_that_may_have_slid_along_itself_unseen_gets_no_model(drawer, fit_of):
+    """A drawer comes out of its plane: depth shows how far. What is asked of that is set higher."""
+    model = build_model(FittedRecording.of(Recording("clip", drawer.frames), fit_of(drawer)))
+    front, other = (SimpleNamespace(front=k) for k in (0, 1))
+    opened = SimpleNamespace(contact=front, unseen_m=0.0)
+    config = AkmConfig()
+    plain = replace(config, relocalization=replace(config.relocalization, outline_along=2.0))
+
+    def require(before, config):
+        attempts = [before, opened]
+        _require_closed_known(model, SimpleNamespace(attempts=attempts), config)
+
+    require(SimpleNamespace(contact=front, unseen_m=0.12), config)
+    require(SimpleNamespace(contact=front, unseen_m=0.01), plain)
+    require(SimpleNamespace(contact=other, unseen_m=0.12), plain)
+    with pytest.raises(InsufficientData, match="gone 12 cm with it before"):
+        require(SimpleNamespace(contact=front, unseen_m=0.12), plain)
 
 
 @pytest.mark.parametrize("name", ["door", "drawer"])

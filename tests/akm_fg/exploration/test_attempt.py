@@ -321,6 +321,9 @@ def test_what_goes_with_the_hand_is_pulled_on_until_it_is_seen():
     assert exploration.attempts[0].stretches[0].travel_m == pytest.approx(0.06)
     never = explored(PaperCabinet(free=(0,), unseen_m=1.0), fronts=1, max_attempts=1)
     assert outcomes(never) == [(0, "grasp_lost")]
+    assert never.attempts[0].unseen_m > 0.05
+    again = exploration_from_dict(exploration_as_dict(never), "explore.json")
+    assert again.attempts[0].unseen_m == never.attempts[0].unseen_m
     assert "went 12.0 cm and nothing was seen to move" in never.attempts[0].reason
 
 
