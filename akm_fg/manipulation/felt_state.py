@@ -15,6 +15,10 @@ from akm_fg.model.records import ModelPart
 from akm_fg.planning.move_length import LEVEL
 
 
+# By which the joint's own covariance, on top, may widen what was felt as far as it can be.
+SLACK = 0.1
+
+
 def felt_state(
     part: ModelPart,
     q: float,
@@ -43,4 +47,4 @@ def can_be_felt_for(part: ModelPart, q: float, sd: float, config: HoldConfig) ->
     p_part = held[0] if held else part.surface.p_world.mean(axis=0)
     p_world = part.T_world_part(q).transformFrom(p_part)
     lever = float(np.linalg.norm(part.joint.joint.velocity(p_world)))
-    return LEVEL * sd * lever <= config.most_feel_m * (1.0 + 1e-6)
+    return LEVEL * sd * lever <= (1.0 + SLACK) * config.most_feel_m
