@@ -14,7 +14,6 @@ from akm_fg.manipulation.config import HoldConfig
 from akm_fg.model.records import ModelPart
 from akm_fg.planning.move_length import LEVEL
 
-
 # By which the joint's own covariance, on top, may widen what was felt as far as it can be.
 SLACK = 0.1
 
