@@ -14,13 +14,13 @@ from akm_fg.errors import GraspFailed, MotionInfeasible
 from akm_fg.exploration.config import ExploreConfig
 from akm_fg.exploration.mobile_points import mobile_tracks
 from akm_fg.exploration.processor_time import taking
-from akm_fg.exploration.pull_watch import Observer, PullWatch, Stream, Tried
+from akm_fg.exploration.pull_watch import Observer, PullWatch, Tried
 from akm_fg.exploration.records import Hypothesis, Outcome, Stretch
 from akm_fg.exploration.stopping import by_threshold, enough, moved_enough
 from akm_fg.grasping.pushed_aside import PushedAside
-from akm_fg.interfaces import Arm, Camera
+from akm_fg.interfaces import Arm
 from akm_fg.planning.opening_path import plan_opening
-from akm_fg.records import FloatArray, HandPath, RgbdFrame
+from akm_fg.records import FloatArray, HandPath
 
 
 class Trier:
@@ -29,32 +29,27 @@ class Trier:
     def __init__(
         self,
         arm: Arm,
-        camera: Camera,
-        stream: Stream,
+        watch: PullWatch,
         tried: Tried,
         observer: Observer,
         config: ExploreConfig,
         feel_m: float = 0.0,
         other_way: Callable[[Sequence[Hypothesis]], Hypothesis | None] = lambda rigid: None,
-        before: RgbdFrame | None = None,
     ) -> None:
         """Nothing moves yet.
 
         Args:
             arm: holds and pulls.
-            camera: watches.
-            stream: solves.
+            watch: sees what comes of it.
             tried: is filled.
             observer: is told.
             config: of the exploration.
             feel_m: how far a grasp's depth may be off.
             other_way: another way to pull what is held and rigid.
-            before: shows what the arm hides now and what has not moved since; None: nothing does.
         """
-        self._arm, self._feel_m, self._other_way = arm, feel_m, other_way
+        self._arm, self._watch, self._feel_m, self._other_way = arm, watch, feel_m, other_way
         self._tried, self._observer, self._config = tried, observer, config
         self._tick_s, self._time_s = config.pull.tick_s, tried.attempt.time_s
-        self._watch = PullWatch(arm, camera, stream, tried, observer, config, before)
 
     def run(self, grasps: Sequence[gtsam.Pose3]) -> None:
         """The attempt, from a first look to its outcome.

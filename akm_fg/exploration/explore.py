@@ -22,7 +22,7 @@ from akm_fg.exploration.config import ExploreConfig
 from akm_fg.exploration.filled import filled
 from akm_fg.exploration.parts.keep import Keeper, PartModels
 from akm_fg.exploration.processor_time import taking
-from akm_fg.exploration.pull_watch import Observer, Stream, Tried
+from akm_fg.exploration.pull_watch import Observer, PullWatch, Stream, Tried
 from akm_fg.exploration.records import Attempt, Contact, Exploration, Hypothesis
 from akm_fg.exploration.seen_anew import changed, followed
 from akm_fg.exploration.suppression import SuppressedMap
@@ -204,9 +204,8 @@ def _tried(
     tried, stream = Tried(attempt), explorer.stream(number)
     feel_m = explorer.feel_m(frame, contact)
     before = seen if seen is exploration.first_look else None
-    Trier(
-        arm, camera, stream, tried, observer, explorer.config, feel_m, belief.while_held, before
-    ).run(grasps)
+    watch = PullWatch(arm, camera, stream, tried, observer, explorer.config, before)
+    Trier(arm, watch, tried, observer, explorer.config, feel_m, belief.while_held).run(grasps)
     observer.ended(number, attempt)
     return tried
 

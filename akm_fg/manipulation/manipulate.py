@@ -19,7 +19,7 @@ from akm_fg.closed_loop import probability_within
 from akm_fg.errors import AkmError, GraspFailed, MotionInfeasible, TracksLost
 from akm_fg.exploration.processor_time import taking
 from akm_fg.grasping.pushed_aside import PushedAside
-from akm_fg.interfaces import Arm, Camera
+from akm_fg.interfaces import Arm
 from akm_fg.manipulation.carried_grasps import (
     ChosenGrasp,
     FreshGrasps,
@@ -32,7 +32,7 @@ from akm_fg.manipulation.config import ManipulateConfig
 from akm_fg.manipulation.felt_state import felt_state
 from akm_fg.manipulation.pushing import choose_push
 from akm_fg.manipulation.records import Goal, Hold, Manipulation, Stop
-from akm_fg.manipulation.watch import Follower, Observer, Stream, Watch
+from akm_fg.manipulation.watch import Watch
 from akm_fg.model.records import ModelPart
 from akm_fg.planning.move_length import Move, next_move
 from akm_fg.planning.opening_path import plan_opening
@@ -45,33 +45,26 @@ class Manipulator:
 
     Args:
         arm: holds and moves.
-        camera: fixed, watches.
-        follower: tells the part's state.
+        watch: sees the part, and writes down what is decided.
         part: of the model.
         goal: where it should be.
         run: is filled as things happen, and stays valid when this is interrupted.
-        observer: is told of frames and decisions.
         config: tuning.
         fresh: grasps as they are seen; None: only those that the part's contacts tell.
-        stream: learns from the frames; None: nothing does.
     """
 
     def __init__(
         self,
         arm: Arm,
-        camera: Camera,
-        follower: Follower,
+        watch: Watch,
         part: ModelPart,
         goal: Goal,
         run: Manipulation,
-        observer: Observer,
         config: ManipulateConfig | None = None,
         fresh: FreshGrasps | None = None,
-        stream: Stream | None = None,
     ) -> None:
-        self._arm, self._part, self._goal, self._run = arm, part, goal, run
+        self._arm, self._watch, self._part, self._goal, self._run = arm, watch, part, goal, run
         self._config, self._fresh = config or ManipulateConfig(), fresh
-        self._watch = Watch(arm, camera, follower, part, goal, run, observer, self._config, stream)
         self._failed_holds = 0
         self._short_m = 0.0  # of where the hand was sent, by friction: the next move makes it up
         self._lost_grasps: list[gtsam.Pose3] = []

@@ -22,6 +22,7 @@ from akm_fg.io.recording_writer import RecordingWriter
 from akm_fg.manipulation.manipulate import Manipulator
 from akm_fg.manipulation.records import Goal, Manipulation
 from akm_fg.manipulation.refinement import refined
+from akm_fg.manipulation.watch import Watch
 from akm_fg.model.naming import PartName, part_named
 from akm_fg.model.read import read_model
 from akm_fg.model.records import Contact as HeldContact
@@ -156,9 +157,13 @@ def _manipulate(
         follower = FollowedPart(
             model, ran.number, config.perception.observe.noise, config.relocalization
         )
-        manipulator = Manipulator(
+        watch = Watch(
             world.arm, camera, follower, part, ran.goal, ran.manipulation, recorder,
-            config.manipulate, _FreshGrasps(request.explore), stream,
+            config.manipulate, stream,
+        )  # fmt: skip
+        manipulator = Manipulator(
+            world.arm, watch, part, ran.goal, ran.manipulation, config.manipulate,
+            _FreshGrasps(request.explore),
         )  # fmt: skip
         try:
             manipulator.run()

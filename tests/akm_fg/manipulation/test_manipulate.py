@@ -10,6 +10,7 @@ from akm_fg.errors import GraspFailed, MotionInfeasible
 from akm_fg.manipulation.config import ManipulateConfig
 from akm_fg.manipulation.manipulate import Manipulator
 from akm_fg.manipulation.records import Goal, Manipulation
+from akm_fg.manipulation.watch import Watch
 from akm_fg.model.records import StateLimits
 from akm_fg.records import PinholeCamera, RgbdFrame
 from akm_fg.relocalization.records import StateBelief
@@ -122,8 +123,8 @@ def moved(paper_part):
     def _moved(world, target, config=CONFIG, fresh=None, follower=Follower, limits=None, **of_part):
         part = replace(paper_part("prismatic", **of_part), limits=limits)
         run, goal = Manipulation(), Goal(target, config.tolerance_m)
-        followed = follower(world)
-        Manipulator(world, world, followed, part, goal, run, Quiet(), config, fresh).run()
+        watch = Watch(world, world, follower(world), part, goal, run, Quiet(), config)
+        Manipulator(world, watch, part, goal, run, config, fresh).run()
         return run
 
     return _moved
