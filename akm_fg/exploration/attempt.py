@@ -16,7 +16,7 @@ from akm_fg.exploration.mobile_points import mobile_tracks
 from akm_fg.exploration.processor_time import taking
 from akm_fg.exploration.pull_watch import Observer, PullWatch, Tried
 from akm_fg.exploration.records import Hypothesis, Outcome, Stretch
-from akm_fg.exploration.stopping import by_threshold, enough, moved_enough
+from akm_fg.exploration.stopping import by_threshold, enough, met, moved_enough
 from akm_fg.grasping.pushed_aside import PushedAside
 from akm_fg.interfaces import Arm
 from akm_fg.planning.opening_path import plan_opening
@@ -210,6 +210,13 @@ class Trier:
         else:
             self._end("stopped", f"{why}, and the part has not moved far enough")
 
+    def _known_enough(self) -> bool:
+        stretches, need = self._tried.attempt.stretches, self._config.stopping.need
+        if not stretches or not self._opened_already():
+            return False
+        bounds = stretches[-1].bounds
+        return bounds is not None and met(bounds, need)
+
     def _opened_already(self) -> bool:
         stretches = self._tried.attempt.stretches
         need = self._config.stopping.need
@@ -272,10 +279,10 @@ class Trier:
         attempt = self._tried.attempt
         if attempt.regrasps >= self._config.pull.most_regrasps:
             return False
-        if attempt.T_world_grasp is None or self._opened_already():
+        if attempt.T_world_grasp is None or self._known_enough():
             return False
         stretch, joint = self._watch.from_aside(why), self._watch.joint()
-        if stretch is None or stretch.state is None or joint is None or self._opened_already():
+        if stretch is None or stretch.state is None or joint is None or self._known_enough():
             return False
         attempt.regrasps += 1
         R, t = joint.joint.motion(np.array([stretch.state]))

@@ -273,6 +273,15 @@ def test_a_lost_grip_on_what_moves_is_taken_again_within_the_attempt():
     assert cabinet.state[0] > 0.05
 
 
+def test_a_part_that_is_open_and_little_known_is_held_again_where_the_grip_was_lost():
+    cabinet = PaperCabinet(free=(0,), slips={0: 0.07})
+    exploration = explored(cabinet, fronts=1)
+    (attempt,) = exploration.attempts
+    assert attempt.outcome == "opened" and attempt.regrasps == 1
+    assert cabinet.state[0] > 0.1  # 5 cm are open; a further stretch is expected to tell more
+    assert not attempt.reason.startswith("opened, then")
+
+
 def test_a_part_that_stops_short_is_not_called_opened():
     exploration = explored(PaperCabinet(free=(0,), stop_m=0.04), fronts=1, max_attempts=2)
     assert not exploration.opened
