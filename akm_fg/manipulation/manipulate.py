@@ -95,6 +95,9 @@ class Manipulator:
         goal, run = self._goal, self._run
         run.probability = probability_within(q, sd, goal.state, goal.tolerance)
         if run.probability >= self._config.confidence:
+            if not self._watch.seen_held:  # what the hand was told before it took hold may be old
+                self._watch.look_clear("no frame has shown the part since it is held")
+                return self._done()
             self._watch.decide("end", "the part is where it should be")
             return True
         best = probability_within(goal.state, sd, goal.state, goal.tolerance)

@@ -96,6 +96,7 @@ class Watch:
         length_sd = 0.0 if part.correction is None else part.correction.length_share_sd
         self._scale = LengthScale(part.joint.joint, length_sd, config.scale)
         self.frame: RgbdFrame | None = None  # the last from behind the arm
+        self.seen_held = True  # a frame has shown the part since the hand took hold
 
     def look_clear(self, why: str) -> None:
         """Frames from behind the arm, which lets go and keeps clear of what they show.
@@ -161,6 +162,7 @@ class Watch:
         hand = Hand(look.T_world_gripper, look.holding)
         with taking(run.time_s, "relocalize"):
             run.beliefs.append(self._follower.update(frame, hand, felt=felt))
+        self.seen_held = self.seen() or (self.seen_held and felt is None)
         self._take_scale(look)
         if self._stream is not None:
             with taking(run.time_s, "learn"):

@@ -99,6 +99,9 @@ class MotionConfig:
     damping_s: float = 0.5  # time after which a rate is forgotten
     hand_m: float = 0.0004  # of the hand against the part, a step: pads give a millimetre in ten
     commanded_share: float = 0.1  # of a commanded way that may not have been gone
+    # Of a part that an arm takes hold of, while that reaches for it: fingers that close push it so.
+    touched_m: float = 0.002
+    reach_s: float = 30.0  # longer than any takes: who knows what moved it then
 
 
 @dataclass(frozen=True, slots=True)

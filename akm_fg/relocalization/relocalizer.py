@@ -81,6 +81,8 @@ class Relocalizer:
             raise ValueError(f"a frame at {frame.stamp_s} s after one at {self._stamp_s} s")
         dt_s = 0.0 if self._stamp_s is None else frame.stamp_s - self._stamp_s
         shift = self._shift(hand, commanded)
+        if felt is not None and shift is None and hand is not None:
+            shift = self._touched(hand, dt_s)
         self._stamp_s, self._hand = frame.stamp_s, hand
         if self._filter is None:
             return self._told(self._search(frame, dt_s, shift))
@@ -131,6 +133,13 @@ class Relocalizer:
             slack = c.commanded_share * abs(commanded)
             return commanded, slack + 1e-4
         return None
+
+    def _touched(self, hand: Hand, dt_s: float) -> tuple[float, float] | None:
+        """As `_shift`, of a part that a hand has just taken hold of: nobody else was there."""
+        c = self.config.motion
+        way = self.part.joint.joint.velocity(hand.T_world_gripper.translation())
+        lever = float(np.linalg.norm(way))
+        return (0.0, c.touched_m / lever) if dt_s <= c.reach_s and lever > 1e-3 else None
 
     def _search(
         self, frame: RgbdFrame, dt_s: float, shift: tuple[float, float] | None

@@ -311,6 +311,27 @@ class Moved(Follower):
         return belief
 
 
+def test_a_part_that_no_frame_has_shown_since_it_is_held_is_looked_at_before_the_end(moved):
+    """The arm hides it from the hold on, and its state is believed to 2 mm all the same."""
+    world = World(0.30)
+
+    def hiding(T, tick_s, feel_m=0.0, onward=()):
+        yield from World.grasp(world, T, tick_s, feel_m, onward)
+        world.hidden = True
+
+    class Sure(Follower):
+        def update(self, frame, hand=None, commanded=None, felt=None):
+            belief = super().update(frame, hand, commanded, felt)
+            return belief if belief.seen else replace(belief, sd=0.002)
+
+    world.grasp = hiding
+    run = moved(world, 0.05, follower=Sure)
+    whys = [decision.why for decision in run.decisions]
+    assert run.failure is None and world.state == pytest.approx(0.05, abs=0.005)
+    assert "no frame has shown the part since it is held" in whys[-2:]
+    assert run.belief.seen
+
+
 def test_a_part_pushed_while_the_arm_reached_for_it_is_looked_for_until_a_frame_shows_it(moved):
     world = World(0.1)
     grasp = world.grasp

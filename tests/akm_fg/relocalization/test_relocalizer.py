@@ -192,6 +192,21 @@ def test_a_hand_that_takes_hold_where_nobody_looked_for_long_tells_the_state(kno
     assert elsewhere.mean == alone.mean  # what the belief excludes is no hold of this part
 
 
+@pytest.mark.parametrize(("after_s", "kept"), [(8.0, True), (60.0, False)])
+def test_while_an_arm_reaches_for_a_part_nobody_else_moves_it(known, after_s, kept):
+    clip, model = known
+    first, q = clip.frames[6], float(states_of(clip, model)[6])
+    handle = gtsam.Pose3(gtsam.Rot3(), model.parts[0].surface.p_world.max(axis=0))
+    follower = Relocalizer(model)
+    before = follower.update(first, Hand(handle, False))
+    later = dark(first, first.stamp_s + after_s)
+    held = follower.update(later, Hand(handle, True), None, (q + 0.005, 0.015))
+    assert not held.seen
+    lever = np.linalg.norm(model.parts[0].joint.joint.velocity(handle.translation()))
+    assert (held.sd * lever < 0.004) == kept
+    assert not kept or abs(held.mean - before.mean) * lever < 0.002
+
+
 def test_another_objects_model_is_not_believed(door, drawer, fit_of):
     for own, other in ((door, drawer), (drawer, door)):
         model = model_of(own, fit_of)
