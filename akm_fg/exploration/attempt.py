@@ -17,7 +17,7 @@ from akm_fg.exploration.processor_time import taking
 from akm_fg.exploration.pull_watch import Observer, PullWatch, Tried
 from akm_fg.exploration.records import Hypothesis, Outcome, Stretch
 from akm_fg.exploration.stopping import by_threshold, enough, met, moved_enough
-from akm_fg.grasping.pushed_aside import PushedAside
+from akm_fg.grasping.next_try import NextTry
 from akm_fg.interfaces import Arm
 from akm_fg.planning.opening_path import plan_opening
 from akm_fg.records import FloatArray, HandPath
@@ -107,7 +107,7 @@ class Trier:
             MotionInfeasible: the planner does not allow it.
             GraspFailed: it led nowhere.
         """
-        attempt, aside = self._tried.attempt, PushedAside()
+        attempt, aside = self._tried.attempt, NextTry()
         with taking(self._time_s, "reach"):
             try:
                 for _ in self._arm.grasp(T_world_grasp, self._tick_s, self._feel_m):

@@ -18,7 +18,7 @@ from akm_fg.arm.motion.time_law import duration_s
 from akm_fg.closed_loop import probability_within
 from akm_fg.errors import AkmError, GraspFailed, MotionInfeasible, TracksLost
 from akm_fg.exploration.processor_time import taking
-from akm_fg.grasping.pushed_aside import PushedAside
+from akm_fg.grasping.next_try import NextTry
 from akm_fg.interfaces import Arm
 from akm_fg.manipulation.carried_grasps import (
     ChosenGrasp,
@@ -68,7 +68,7 @@ class Manipulator:
         self._failed_holds = 0
         self._short_m = 0.0  # of where the hand was sent, by friction: the next move makes it up
         self._lost_grasps: list[gtsam.Pose3] = []
-        self._aside = PushedAside()
+        self._aside = NextTry()
 
     def run(self) -> None:
         """The whole; `failure` of the run says in one line why the target was not reached."""
