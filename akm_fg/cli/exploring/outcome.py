@@ -15,10 +15,10 @@ from akm_fg.config import AkmConfig
 from akm_fg.errors import InsufficientData
 from akm_fg.estimation.config import GraspConfig
 from akm_fg.exploration.pages.page import exploration_part
-from akm_fg.exploration.records import Exploration
+from akm_fg.exploration.records import Attempt, Exploration
 from akm_fg.model.build import FittedRecording, build_model
 from akm_fg.model.read import FILE, read_model
-from akm_fg.model.records import Contact, ObjectModel
+from akm_fg.model.records import Contact, ModelPart, ObjectModel
 from akm_fg.model.write import write_model
 from akm_fg.posterior import ArticulationPosterior
 from akm_fg.records import JointTruth, Look, Recording, RgbdFrame, first_hold
@@ -114,8 +114,9 @@ def write_part_model(folder: Path, exploration: Exploration, config: AkmConfig) 
     fitted = FittedRecording.of(recording, fit)
     try:
         model = _built(fitted, exploration, config)
-        _require_closed_known(model, exploration, config)
-        closed = closed_at(model, exploration.first_look, config)
+        gone_m = carried_before(exploration)
+        _require_closed_known(model, gone_m, config)
+        closed = closed_at(model, exploration.first_look, config, gone_m)
         why = "the part had crept open before the pull that opened it"
         if closed is None:
             closed = began_at(fit.posterior, recording)
@@ -130,8 +131,23 @@ def write_part_model(folder: Path, exploration: Exploration, config: AkmConfig) 
     return write_model(folder, model)
 
 
-def _require_closed_known(model: ObjectModel, exploration: Exploration, config: AkmConfig) -> None:
-    """Refuse a part that slides along its own surface and may have been moved before, unseen.
+def carried_before(exploration: Exploration) -> float:
+    """How far a hand had gone, at most, with the front that opened at last; 0: as pads give.
+
+    Whether it was seen to move then or not, where it is left nobody sees.
+    """
+    last, others = exploration.attempts[-1], exploration.attempts[:-1]
+    gone = [_gone_m(a) for a in others if a.contact.front == last.contact.front]
+    most = max(gone, default=0.0)
+    return most if most > CARRIED_M else 0.0
+
+
+def _gone_m(attempt: Attempt) -> float:
+    return attempt.stretches[-1].travel_m if attempt.stretches else attempt.unseen_m
+
+
+def _require_closed_known(model: ObjectModel, gone_m: float, config: AkmConfig) -> None:
+    """Refuse a part that slides along its own surface and may have been moved before.
 
     Its outline alone tells where it was in the first look, which on plain sliding doors was 2 and
     24 cm off and sure of it.
@@ -139,18 +155,15 @@ def _require_closed_known(model: ObjectModel, exploration: Exploration, config: 
     Raises:
         InsufficientData: it is one.
     """
-    last, others = exploration.attempts[-1], exploration.attempts[:-1]
-    unseen = [a.unseen_m for a in others if a.contact.front == last.contact.front]
     settings = config.relocalization
     likelihood = StateLikelihood(model.parts[0], model.static, settings.likelihood)
-    if max(unseen, default=0.0) <= UNSEEN_M:
-        return
-    if likelihood.slides_along_itself < settings.outline_along:
-        raise InsufficientData(
-            "where it is closed is not known: the hand had gone "
-            f"{100 * max(unseen):.0f} cm with it before, and a plain front does not show how far "
-            "it went along itself"
-        )
+    if gone_m > 0.0 and likelihood.slides_along_itself < settings.outline_along:
+        raise _closed_unknown(gone_m, "a plain front does not show how far it slid along itself")
+
+
+def _closed_unknown(gone_m: float, why: str) -> InsufficientData:
+    told = f"the hand had gone {100 * gone_m:.0f} cm with it before, and {why}"
+    return InsufficientData(f"where it is closed is not known: {told}")
 
 
 def _built(fitted: FittedRecording, exploration: Exploration, config: AkmConfig) -> ObjectModel:
@@ -163,20 +176,43 @@ def _built(fitted: FittedRecording, exploration: Exploration, config: AkmConfig)
     return replace(model, parts=(replace(part, contacts=(contact,)),))
 
 
-def closed_at(model: ObjectModel, first: RgbdFrame | None, config: AkmConfig) -> float | None:
+def closed_at(
+    model: ObjectModel, first: RgbdFrame | None, config: AkmConfig, gone_m: float = 0.0
+) -> float | None:
     """Where the part was in the first look, in the states of its recording; None: where it began.
 
     Pulls that were in vain may have moved what opens: the recording does not begin at closed then.
+
+    Args:
+        model: of the part.
+        first: look of the exploration.
+        config: of the search.
+        gone_m: that a hand went with the part before, at most.
+
+    Raises:
+        InsufficientData: a hand went with it, and the first look shows it nowhere.
     """
     if first is None:
         return None
-    noise = config.perception.observe.noise
-    belief = Relocalizer(model, 0, noise, config.relocalization).update(first)
+    noise, part = config.perception.observe.noise, model.parts[0]
+    search = config.relocalization.search
+    most_m = search.most_rad * _lever_m(part) if part.joint.turns else search.most_m
+    wide = replace(search, below=search.below + 1.1 * gone_m / most_m)
+    settings = replace(config.relocalization, search=wide)
+    belief = Relocalizer(model, 0, noise, settings).update(first)
     if belief.mode != "tracking" or belief.mean is None or belief.sd is None:
+        if gone_m > 0.0:
+            raise _closed_unknown(gone_m, "the first look shows it at no state")
         return None
-    turns = model.parts[0].joint.turns
+    turns = part.joint.turns
     crept = abs(belief.mean) > max(CREPT_SIGMAS * belief.sd, CREPT_RAD if turns else CREPT_M)
     return belief.mean if crept else None
+
+
+def _lever_m(part: ModelPart) -> float:
+    """Metres that the part's middle goes for a unit of state."""
+    middle = part.surface.p_world.mean(axis=0)
+    return max(float(np.linalg.norm(part.joint.joint.velocity(middle))), 1e-3)
 
 
 def began_at(posterior: ArticulationPosterior, recording: Recording) -> float | None:
@@ -199,6 +235,6 @@ def began_at(posterior: ArticulationPosterior, recording: Recording) -> float | 
     return began if abs(began) > (CREPT_RAD if joint.turns else CREPT_M) else None
 
 
-UNSEEN_M = 0.03  # that a hand went with a part: less is the give of grips and catches
+CARRIED_M = 0.03  # that a hand went with a part: less is the give of grips and catches
 CREPT_SIGMAS = 3.0  # of the state in the first look: less is no sign of it
 CREPT_M, CREPT_RAD = 0.003, 0.01  # nor is this: catches and pads give as much

@@ -12,6 +12,7 @@ from akm_fg.cli.exploring.kept import Explored
 from akm_fg.cli.exploring.outcome import (
     _require_closed_known,
     began_at,
+    carried_before,
     closed_at,
     last_recording,
     solved_frames,
@@ -20,6 +21,7 @@ from akm_fg.config import AkmConfig
 from akm_fg.errors import InsufficientData
 from akm_fg.exploration.records import Exploration
 from akm_fg.model.build import FittedRecording, build_model
+from akm_fg.pipeline import fit_recording
 from akm_fg.records import Look, Recording
 from tests.akm_fg.exploration.test_attempt import PaperCabinet
 from tests.akm_fg.exploration.test_attempt import fit_of as paper_fit
@@ -57,23 +59,47 @@ def test_what_had_crept_open_before_is_closed_where_the_first_look_shows_it(requ
     assert found == pytest.approx(states.mean[5], abs=4 * states.sd[5] + 0.004)
 
 
+def tried(contact, unseen_m, seen_m=None):
+    stretches = [] if seen_m is None else [SimpleNamespace(travel_m=seen_m)]
+    return SimpleNamespace(contact=contact, unseen_m=unseen_m, stretches=stretches)
+
+
 def test_a_front_that_may_have_slid_along_itself_unseen_gets_no_model(drawer, fit_of):
     """A drawer comes out of its plane: depth shows how far. What is asked of that is set higher."""
     model = build_model(FittedRecording.of(Recording("clip", drawer.frames), fit_of(drawer)))
     front, other = (SimpleNamespace(front=k) for k in (0, 1))
-    opened = SimpleNamespace(contact=front, unseen_m=0.0)
+    opened = tried(front, 0.0)
     config = AkmConfig()
     plain = replace(config, relocalization=replace(config.relocalization, outline_along=2.0))
 
     def require(before, config):
-        attempts = [before, opened]
-        _require_closed_known(model, SimpleNamespace(attempts=attempts), config)
+        gone_m = carried_before(SimpleNamespace(attempts=[before, opened]))
+        _require_closed_known(model, gone_m, config)
 
-    require(SimpleNamespace(contact=front, unseen_m=0.12), config)
-    require(SimpleNamespace(contact=front, unseen_m=0.01), plain)
-    require(SimpleNamespace(contact=other, unseen_m=0.12), plain)
-    with pytest.raises(InsufficientData, match="gone 12 cm with it before"):
-        require(SimpleNamespace(contact=front, unseen_m=0.12), plain)
+    require(tried(front, 0.12), config)
+    require(tried(front, 0.01), plain)
+    require(tried(other, 0.12), plain)
+    for before in (tried(front, 0.12), tried(front, 0.0, seen_m=0.12)):
+        with pytest.raises(InsufficientData, match="gone 12 cm with it before"):
+            require(before, plain)
+
+
+@pytest.mark.parametrize("name", ["door", "drawer"])
+def test_what_was_carried_open_unseen_is_looked_for_beyond_where_its_pull_began(request, name):
+    """The pull that was seen began a good way open; the first look is from before all pulls."""
+    clip = request.getfixturevalue(name)
+    later = Recording("clip", clip.frames[4:])
+    model = build_model(FittedRecording.of(later, fit_recording(later)))
+    part = model.parts[0]
+    went = clip.states[-1] - clip.states[4]
+    q = (clip.states[0] - clip.states[4]) * np.sign(part.states.mean[-1] * went)
+    lever = np.linalg.norm(part.joint.joint.velocity(part.surface.p_world.mean(axis=0)))
+    found = closed_at(model, clip.frames[0], AkmConfig(), gone_m=1.2 * lever * abs(q))
+    assert found == pytest.approx(q, abs=0.006)
+    empty = replace(clip.frames[0], depth_m=np.full_like(clip.frames[0].depth_m, np.nan))
+    assert closed_at(model, empty, AkmConfig()) is None
+    with pytest.raises(InsufficientData, match="shows it at no state"):
+        closed_at(model, empty, AkmConfig(), gone_m=0.1)
 
 
 @pytest.mark.parametrize("name", ["door", "drawer"])
