@@ -85,12 +85,12 @@ class GraspConfig:
 class HandPathConfig:
     """How truly a hand that holds a part goes with it; see `akm_fg.stream.hand_path`.
 
-    Read off 24 pulls of `furniture-dev` against the simulator's truth, but for the turn: joint
+    Read off 49 pulls of `furniture-dev` against the simulator's truth, but for the turn: joint
     zeros that are 0.05 deg off (`sim.camera.rig`), some four of which turn the hand's path.
     """
 
-    jitter_m: float = 2.5e-4  # give of arm and pads, new in every frame
-    slip_m_per_sqrt_m: float = 5e-4  # of the held point, as a random walk along the hand's way
+    jitter_m: float = 1.5e-4  # give of arm and pads, new in every frame
+    slip_m_per_sqrt_m: float = 1e-3  # of the held point, as a random walk along the hand's way
     slip_dof: float = 1.0  # Student-t: a grip settles by millimetres in the first centimetres
     steady: float = 2e-3  # slip over way, the same all along it
     turn_rad: float = math.radians(0.1)  # of the whole path, by the joints' zeros

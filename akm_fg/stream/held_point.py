@@ -133,6 +133,12 @@ def joint_by_hand(
         log_evidence = said.log_likelihood(found) + 0.5 * float(np.linalg.slogdet(cov)[1])
         log_evidence += _log_prior(own, found, z, weight, at, config)
         now = _explained(own, found, cov, z, weight, at, config)
+        squared = (found**2 + np.diag(cov))[at.steps].reshape(own.step.shape)
+    # A step's most probable variance is less than what it went, by as much as its prior says: of
+    # what is then known, the covariance speaks with all that it went.
+    sure = replace(now, step=np.maximum(now.step, squared))
+    information = said.matrix + _prior_information(weight, sure, at, config)
+    cov = np.asarray(np.linalg.inv(information), dtype=np.float64)
     d = at.length
     whole = joint.cov.copy()
     whole[np.ix_(known, known)] = 0.5 * (cov[:d, :d] + cov[:d, :d].T)

@@ -121,9 +121,8 @@ def test_the_hands_path_betters_the_joint_and_its_covariance_is_true(kind):
         off = off_truth(joint)
         nees.append(off @ np.linalg.solve(joint.cov[np.ix_(known, known)], off))
         shrunk.append(joint.axis_sd_rad / posterior.best.joint.axis_sd_rad)
-    # Variances that follow from what is seen are most probable ones: a sixth too sure at most.
-    assert 0.35 * len(known) < np.mean(nees) < 1.35 * len(known)
-    assert np.median(shrunk) < 0.6
+    assert 0.6 * len(known) < np.mean(nees) < 1.2 * len(known)
+    assert np.median(shrunk) < 0.75
 
 
 def test_a_drawers_length_is_the_hands_where_the_camera_does_not_know_its_scale():
@@ -170,8 +169,8 @@ def test_a_camera_that_claims_too_much_is_overruled_and_both_are_widened(kind):
     posterior = seen(kind, astray(kind, xi), cov, q)
     joint = told(posterior, held(kind, q)).posterior.best.joint
     off = off_truth(joint)[:2]
-    assert np.abs(off).max() < math.radians(0.7)
-    assert (off / np.sqrt(np.diag(joint.cov)[:2])).max() < 2.5
+    assert np.abs(off).max() < 0.65 * np.abs(xi).max()
+    assert (np.abs(off) / np.sqrt(np.diag(joint.cov)[:2])).max() < 2.5
 
 
 def test_a_hand_that_slides_is_believed_no_more_than_it_slides():
