@@ -1,7 +1,7 @@
 """The filter: from anywhere to a Gaussian, from frame to frame, and back when it is lost.
 
 searching: grid over the range -> hypotheses -> refined -> sure of one -> tracking
-           no surface is found -> it stands where its outline can only be -> tracking, unseen
+unseen:    no surface is found -> it stands where its outline can only be -> tracking
 tracking:  predicted by hand, command or rate -> surface found again -> gate -> updated
 lost:      frames contradict the belief, or it explains nothing -> searching
 """
