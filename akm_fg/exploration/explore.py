@@ -16,13 +16,13 @@ from typing import Protocol
 import gtsam
 import numpy as np
 
-from akm_fg.exploration.attempt import Trier
+from akm_fg.exploration.attempts.attempt import Trier
+from akm_fg.exploration.attempts.filled import filled
+from akm_fg.exploration.attempts.pull_watch import Observer, PullWatch, Stream, Tried
 from akm_fg.exploration.belief import BayesBelief, Belief, ways_of
 from akm_fg.exploration.config import ExploreConfig
-from akm_fg.exploration.filled import filled
 from akm_fg.exploration.parts.keep import Keeper, PartModels
 from akm_fg.exploration.processor_time import taking
-from akm_fg.exploration.pull_watch import Observer, PullWatch, Stream, Tried
 from akm_fg.exploration.records import Attempt, Contact, Exploration, Hypothesis
 from akm_fg.exploration.seen_anew import changed, followed
 from akm_fg.exploration.suppression import SuppressedMap

@@ -9,7 +9,7 @@ from akm_fg.cli.exploring.outcome import fitted_recording
 from akm_fg.cli.exploring.recorder import attempt_name
 from akm_fg.config import AkmConfig
 from akm_fg.errors import InsufficientData
-from akm_fg.exploration.pull_watch import Tried
+from akm_fg.exploration.attempts.pull_watch import Tried
 from akm_fg.model.build import FittedRecording, build_model
 from akm_fg.model.records import Contact, ObjectModel
 from akm_fg.model.write import write_model

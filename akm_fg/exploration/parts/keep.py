@@ -14,10 +14,10 @@ from typing import Protocol
 import numpy as np
 from scipy.spatial import cKDTree
 
+from akm_fg.exploration.attempts.pull_watch import Observer, Tried
 from akm_fg.exploration.config import ExploreConfig
 from akm_fg.exploration.parts.closing import push_shut, state_of_hand, take_and_push_shut
 from akm_fg.exploration.processor_time import taking
-from akm_fg.exploration.pull_watch import Observer, Tried
 from akm_fg.exploration.records import Contact, Exploration, FoundPart
 from akm_fg.interfaces import Arm
 from akm_fg.model.merge import with_found

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from sim.bullet import p
+from sim.robot.contacts import contacts
 from sim.robot.gripper import GripperConfig, SimGripper
 from sim.world import SimWorld
 
@@ -65,10 +66,10 @@ def test_both_fingers_press_with_the_full_force(world, close_m_s):
     gripper, thing = held(world, close_m_s)
     assert gripper.at_full_force and gripper.closed_on_something()
     for finger in gripper.joints:
-        contacts = p.getContactPoints(
-            world.robot_id, thing, finger, -1, physicsClientId=world.client
-        )
-        force_n = sum(contact[9] for contact in contacts)
+        met = [
+            each for each in contacts(world.client, world.robot_id, thing) if each.link == finger
+        ]
+        force_n = sum(each.force_n for each in met)
         assert force_n == pytest.approx(gripper.config.force_n, rel=0.03)
 
 

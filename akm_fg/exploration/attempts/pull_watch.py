@@ -13,8 +13,8 @@ from typing import Protocol
 import numpy as np
 
 from akm_fg.errors import InsufficientData
+from akm_fg.exploration.attempts.filled import filled
 from akm_fg.exploration.config import ExploreConfig
-from akm_fg.exploration.filled import filled
 from akm_fg.exploration.foresight import Pulled, bounds_of, foreseen
 from akm_fg.exploration.mobile_points import part_points
 from akm_fg.exploration.processor_time import taking

@@ -11,10 +11,10 @@ import gtsam
 import numpy as np
 
 from akm_fg.errors import GraspFailed, MotionInfeasible
+from akm_fg.exploration.attempts.pull_watch import Observer, PullWatch, Tried
 from akm_fg.exploration.config import ExploreConfig
 from akm_fg.exploration.mobile_points import mobile_tracks
 from akm_fg.exploration.processor_time import taking
-from akm_fg.exploration.pull_watch import Observer, PullWatch, Tried
 from akm_fg.exploration.records import Hypothesis, Outcome, Stretch
 from akm_fg.exploration.stopping import by_threshold, enough, met, moved_enough
 from akm_fg.grasping.next_try import NextTry
