@@ -68,7 +68,7 @@ class Manipulator:
         self._failed_holds = 0
         self._short_m = 0.0  # of where the hand was sent, by friction: the next move makes it up
         self._lost_grasps: list[gtsam.Pose3] = []
-        self._aside = NextTry()
+        self._next_try = NextTry()
 
     def run(self) -> None:
         """The whole; `failure` of the run says in one line why the target was not reached."""
@@ -310,7 +310,7 @@ class Manipulator:
                 f"by {what}, {100 * chosen.reach:.0f} % of the way is within reach",
                 reach=chosen.reach,
             )
-            T = self._aside.corrected(chosen.grasp.T_world_grasp)
+            T = self._next_try.corrected(chosen.grasp.T_world_grasp)
             onward = way_of(self._part, T, q, self._goal.state, config)
             feel_m = float(np.clip(chosen.grasp.depth_m, config.feel_m, config.most_feel_m))
             try:
@@ -323,7 +323,7 @@ class Manipulator:
                 if self._failed_holds >= config.most_failures:
                     raise
                 if isinstance(error, GraspFailed):
-                    self._aside.failed(T, self._arm.T_world_gripper())
+                    self._next_try.failed(T, self._arm.T_world_gripper())
                     self._watch.look_clear(str(error))
                 else:  # no free way there: others may have one
                     log.info("grasp refused: %s", error)

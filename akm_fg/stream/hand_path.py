@@ -22,9 +22,8 @@ from akm_fg.estimation.config import GraspConfig, HandPathConfig
 from akm_fg.posterior import ArticulationPosterior, JointPosterior, StatePosterior
 from akm_fg.records import CameraCorrection, FloatArray
 from akm_fg.stream.gripper_state import with_gripper_states
-from akm_fg.stream.held_point import HeldPath, JointByHand, joint_by_hand, moved
+from akm_fg.stream.held_point import LEAST_FRAMES, HeldPath, JointByHand, joint_by_hand, moved
 
-LEAST_FRAMES = 6  # of the hold with a state: fewer tell less than they may mislead
 HIDDEN_M = 0.1  # along its way, that nothing but the hand says where a hidden part is
 
 
@@ -68,12 +67,13 @@ def with_hand_path(
     if len(known) < LEAST_FRAMES:
         return None
     slides = 0.0 if best.joint.turns else length_sd
-    told = joint_by_hand(best.joint, _path_of(states, hands, known, most), slides, config)
+    told = joint_by_hand(best.joint, HeldPath.of(states, hands, known, most), slides, config)
     by_seen = _with(posterior, told, states, slides)
     hidden = _by_hand(by_seen, hands)
     carried = _frames(hidden, hands)
     if len(carried) > len(known):
-        path = _path_of(_vague_where_hidden(told, hidden, states, hands), hands, carried, most)
+        vague = _vague_where_hidden(told, hidden, states, hands)
+        path = HeldPath.of(vague, hands, carried, most)
         told = joint_by_hand(best.joint, path, slides, config)
         by_seen = _with(posterior, told, states, slides)
         hidden = _by_hand(by_seen, hands)
@@ -105,15 +105,6 @@ def _near_the_hand(
 
 def _frames(states: StatePosterior, hands: Mapping[int, gtsam.Pose3]) -> list[int]:
     return [k for k in sorted(hands) if np.isfinite(states.mean[k])]
-
-
-def _path_of(
-    states: StatePosterior, hands: Mapping[int, gtsam.Pose3], frames: list[int], most: int
-) -> HeldPath:
-    if len(frames) > most:
-        frames = [frames[k] for k in np.linspace(0, len(frames) - 1, most).round().astype(int)]
-    T_world_hand = np.array([hands[k].matrix() for k in frames])
-    return HeldPath(states.mean[frames], states.sd[frames], T_world_hand)
 
 
 def _with(

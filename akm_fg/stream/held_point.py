@@ -16,6 +16,7 @@ maximisation (Lange, Little and Taylor, Robust statistical modeling using the t 
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import gtsam
@@ -23,10 +24,11 @@ import numpy as np
 from scipy.special import gammaln
 
 from akm_fg.estimation.config import HandPathConfig
-from akm_fg.posterior import JointPosterior
+from akm_fg.posterior import JointPosterior, StatePosterior
 from akm_fg.records import FloatArray
 from factors.joint import Joint, skew
 
+LEAST_FRAMES = 6  # of the hold with a state: fewer tell less than they may mislead
 LEAST_STEP_M = 1e-3  # in which a grip may slip while the hand stands
 STEADY_DOF = 3.0  # of the Student-t prior of what slips all along
 FREE_M = 1e3  # standard deviation of what nothing is known of
@@ -39,6 +41,20 @@ class HeldPath:
     q: FloatArray  # (T,)
     q_sd: FloatArray  # (T,)
     T_world_hand: FloatArray  # (T, 4, 4)
+
+    @classmethod
+    def of(
+        cls,
+        states: StatePosterior,
+        hands: Mapping[int, gtsam.Pose3],
+        frames: list[int],
+        most: int,
+    ) -> HeldPath:
+        """The path in some frames, which all have a state: at most so many, spread over all."""
+        if len(frames) > most:
+            frames = [frames[k] for k in np.linspace(0, len(frames) - 1, most).round().astype(int)]
+        T_world_hand = np.array([hands[k].matrix() for k in frames])
+        return cls(states.mean[frames], states.sd[frames], T_world_hand)
 
     @property
     def p_world(self) -> FloatArray:
@@ -120,7 +136,6 @@ def joint_by_hand(
     now = replace(own)
     z: FloatArray = np.zeros(at.length + 1)
     cov: FloatArray = prior
-    log_evidence = 0.0
     for _ in range(config.iterations):
         here = moved(joint.joint, known, z[: at.length])
         said = _normal_equations(here, known, path, float(z[-1]), at, config)
@@ -130,12 +145,12 @@ def joint_by_hand(
         cov = np.asarray(np.linalg.inv(information), dtype=np.float64)
         found = cov @ told
         z = z + found[at.joint]
-        log_evidence = said.log_likelihood(found) + 0.5 * float(np.linalg.slogdet(cov)[1])
-        log_evidence += _log_prior(own, found, z, weight, at, config)
         now = _explained(own, found, cov, z, weight, at, config)
-        squared = (found**2 + np.diag(cov))[at.steps].reshape(own.step.shape)
+    log_evidence = said.log_likelihood(found) + 0.5 * float(np.linalg.slogdet(cov)[1])
+    log_evidence += _log_prior(own, found, z, weight, at, config)
     # A step's most probable variance is less than what it went, by as much as its prior says: of
     # what is then known, the covariance speaks with all that it went.
+    squared = (found**2 + np.diag(cov))[at.steps].reshape(own.step.shape)
     sure = replace(now, step=np.maximum(now.step, squared))
     information = said.matrix + _prior_information(weight, sure, at, config)
     cov = np.asarray(np.linalg.inv(information), dtype=np.float64)
@@ -219,7 +234,7 @@ def _log_prior(
 ) -> float:
     """Log density of the unknowns before the path, but for what all joints have alike."""
     d, dof = at.length, config.camera_dof
-    by_camera = np.linalg.inv(np.linalg.inv(weight)[:d, :d])
+    by_camera = weight[:d, :d]  # kappa is independent of it
     off = float(z[:d] @ by_camera @ z[:d])
     joint = gammaln((dof + d) / 2) - 0.5 * d * np.log(0.5 * dof)  # 2 pi as above
     joint += 0.5 * np.linalg.slogdet(by_camera)[1] - 0.5 * (dof + d) * np.log1p(off / dof)
@@ -250,8 +265,7 @@ def _explained(
     dof, d = config.slip_dof, at.length
     step = (dof * own.step + steps) / (dof + 1.0)
     steady = (STEADY_DOF * own.steady + squared[at.steady]) / (STEADY_DOF + 1.0)
-    # kappa is of the calibration's own, and never claimed by a fit.
-    inverse = np.linalg.inv(np.linalg.inv(weight)[:d, :d])
+    inverse = weight[:d, :d]  # kappa is of the calibration's own, and never claimed by a fit
     off = float(z[:d] @ inverse @ z[:d] + np.trace(inverse @ cov[:d, :d]))
     camera = (config.camera_dof + off) / (config.camera_dof + d)
     return _Variances(step, np.maximum(steady, own.steady), max(1.0, camera))

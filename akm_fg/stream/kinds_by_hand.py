@@ -16,9 +16,7 @@ import numpy as np
 
 from akm_fg.estimation.config import FitConfig, HandPathConfig
 from akm_fg.posterior import ArticulationPosterior, KindPosterior, NamedKind
-from akm_fg.stream.held_point import HeldPath, joint_by_hand
-
-LEAST_FRAMES = 6  # of the hold in which every kind has a state
+from akm_fg.stream.held_point import LEAST_FRAMES, HeldPath, joint_by_hand
 
 
 def with_kinds_by_hand(
@@ -76,13 +74,9 @@ def evidence_by_hand(
     frames = [k for k in sorted(hands) if all(np.isfinite(q.mean[k]) for _, q in moving.values())]
     if len(frames) < LEAST_FRAMES:
         return {}
-    if len(frames) > config.most_frames:
-        chosen = np.linspace(0, len(frames) - 1, config.most_frames).round().astype(int)
-        frames = [frames[k] for k in chosen]
-    T_world_hand = np.array([hands[k].matrix() for k in frames])
     said = {}
     for kind, (joint, states) in moving.items():
-        path = HeldPath(states.mean[frames], states.sd[frames], T_world_hand)
+        path = HeldPath.of(states, hands, frames, config.most_frames)
         slides = 0.0 if joint.turns else length_sd
         said[kind] = joint_by_hand(joint, path, slides, config).log_evidence
     return said

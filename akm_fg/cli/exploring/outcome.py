@@ -155,9 +155,11 @@ def _require_closed_known(model: ObjectModel, gone_m: float, config: AkmConfig) 
     Raises:
         InsufficientData: it is one.
     """
+    if gone_m <= 0.0:
+        return
     settings = config.relocalization
     likelihood = StateLikelihood(model.parts[0], model.static, settings.likelihood)
-    if gone_m > 0.0 and likelihood.slides_along_itself < settings.outline_along:
+    if likelihood.slides_along_itself < settings.outline_along:
         raise _closed_unknown(gone_m, "a plain front does not show how far it slid along itself")
 
 

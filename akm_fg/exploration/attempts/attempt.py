@@ -107,17 +107,19 @@ class Trier:
             MotionInfeasible: the planner does not allow it.
             GraspFailed: it led nowhere.
         """
-        attempt, aside = self._tried.attempt, NextTry()
+        attempt, next_try = self._tried.attempt, NextTry()
         with taking(self._time_s, "reach"):
             try:
                 for _ in self._arm.grasp(T_world_grasp, self._tick_s, self._feel_m):
                     attempt.pulled, attempt.T_world_grasp = True, T_world_grasp
             except GraspFailed:
-                aside.failed(T_world_grasp, self._arm.T_world_gripper())
-                T_world_there = aside.corrected(T_world_grasp)
+                next_try.failed(T_world_grasp, self._arm.T_world_gripper())
+                T_world_there = next_try.corrected(T_world_grasp)
                 if T_world_there is T_world_grasp:
                     raise
-                self._observer.stage("  what was met has slipped out to a side; again, there")
+                self._observer.stage(
+                    "  nothing between the fingers; again, where the hand tells that it must be"
+                )
                 for _ in self._arm.grasp(T_world_there, self._tick_s, self._feel_m):
                     attempt.T_world_grasp = T_world_there
 
