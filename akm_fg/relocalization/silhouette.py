@@ -59,10 +59,10 @@ class Silhouette:
     def stands(self, frame: RgbdFrame, states: FloatArray) -> Stands | None:
         """Where it stands among states (Q,) that grow evenly; None: nowhere that can be told."""
         c = self.config
-        rests = _grid_of(frame, self._in_camera(frame, self._static), c.cell_px).near
-        if not self._static_is_seen(frame, rests):
+        rests = _grid_of(frame, self._in_camera(frame, self._static), c.cell_px)
+        if not self._is_seen(frame, rests):
             return None
-        told = [self.told(frame, float(q), rests) for q in states]
+        told = [self.told(frame, float(q), rests.near) for q in states]
         score = np.array([each for each, _ in told])
         best = int(score.argmax())
         shares = told[best][1]
@@ -110,12 +110,11 @@ class Silhouette:
         parts = [float(share[chosen].sum()) / total for chosen in (on, ~on & ~behind, behind)]
         return evidence, Shares(round(float(share.sum())), *parts)
 
-    def _static_is_seen(self, frame: RgbdFrame, rests: FloatArray) -> bool:
+    def _is_seen(self, frame: RgbdFrame, rests: _Grid) -> bool:
         """Whether what rests is seen where the model has it, as far as nothing stands before it."""
         c = self.config
-        grid = _grid_of(frame, self._in_camera(frame, self._static), c.cell_px)
-        off = frame.depth_m[grid.v, grid.u] - grid.z
-        shown = grid.z < rests[grid.at] + c.static_off_m
+        off = frame.depth_m[rests.v, rests.u] - rests.z
+        shown = rests.z < rests.near[rests.at] + c.static_off_m
         seen = np.isfinite(off) & (off > -c.static_off_m) & shown
         if not seen.any():
             return False
